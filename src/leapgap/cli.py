@@ -19,7 +19,7 @@ from leapgap.output_folder import check_output, merged_folder, system_error, wha
 from leapgap.processes import InterruptGuard, open_closed_streams, tolerate_terminal
 from leapgap.still_running import still_running
 
-DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how far the gap shrinks with it added."
+DESCRIPTION = "Find out why a robot does not move as its MuJoCo simulation does."
 IMPORT, REPLAY, DEMO = "leapgap import", "leapgap replay", "leapgap demo"
 """Commands, as the markers of their output folders name them."""
 MOST_THREADS = 1024
@@ -106,7 +106,7 @@ def parser() -> argparse.ArgumentParser:
 
     robot_options(replay)
 
-    bring = command("import", run_import, "turn logs of another format into logs of ours")
+    bring = command("import", run_import, "convert logs of another format to leapgap's format")
     bring.add_argument("source", type=Path, help="folder that holds the logs, or one file")
     bring.add_argument("robot", type=Path, help="MuJoCo model whose joints the logs are of")
     bring.add_argument("--format", help="csv, json, parquet, npz, hdf5, mat, pt, ros, lerobot, sage, …; none: as found")
@@ -204,7 +204,7 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
     from leapgap import api
     from leapgap.diagnosis.diagnose import Settings
     from leapgap.reports.diagnosis import SAVED_BY
-    from leapgap.settings import from_json, replaced
+    from leapgap.settings import from_json
 
     if chosen.out is not None:
         check_output(chosen.out, SAVED_BY, (chosen.logs, chosen.robot), kept=True)
@@ -213,16 +213,19 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
 
         viewer_folder()  # what is missing is said before the work begins
     settings = from_json(Settings, chosen.settings) if chosen.settings else Settings()
-    for key in ("effects", "without"):
-        if getattr(chosen, key):
-            settings = replaced(settings, **{key: [name.strip() for name in getattr(chosen, key).split(",")]})
+    effects, without = names_in(chosen.effects), names_in(chosen.without)
     with nullcontext(lambda _: None) if chosen.quiet else still_running(tell) as progress:
         robot = load_robot(chosen)
         progress(f"{robot.path.name}: {robot.step_and_integrator}")
-        report = api.diagnose(chosen.logs, robot, settings, progress=progress, threads=chosen.threads)
+        report = api.diagnose(chosen.logs, robot, settings, effects, progress, chosen.threads, without=without)
     tell(report)
     if chosen.out is not None:
         print_written(report.save(chosen.out, chosen.viewer))
+
+
+def names_in(text: str | None) -> list[str]:
+    """Names in a list such as ``a,b``; none where there is no text."""
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
 def print_written(folder: Path) -> None:

@@ -40,7 +40,7 @@ from leapgap.diagnosis.slow_causes import judge_slow_causes
 from leapgap.diagnosis.summary import causes_of, not_judged, profiles_of, sentence
 from leapgap.effects.base import Effect, overrides
 from leapgap.effects.model_field import effect_class
-from leapgap.errors import InputError
+from leapgap.errors import InputError, did_you_mean
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
@@ -197,7 +197,7 @@ def prepare(
     heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng)
     progress(f"{len(logs)} logs, {sum(judged.rows)} rows judged")
     for force in outside.forces:
-        progress(f"from outside: {force.says}")
+        progress(f"external force: {force.says}")
     if clock is not None:
         judged = clock.judged
         heldout_gap = heldout_gap.by_own_clock(judged, settings.noise_draws, rng)
@@ -303,12 +303,14 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
         unknown = [name for name in named if name not in kinds]
         if unknown:
             expected = f"names among {', '.join(kinds)}"
-            raise InputError(f"diagnose.settings.{key}", ", ".join(unknown), expected, "correct the name")
+            nearest = (did_you_mean(name, kinds) for name in unknown)
+            do = " ".join(filter(None, nearest)) or "list the names: leapgap effects"
+            raise InputError(key, ", ".join(unknown), expected, do)
     names = [*(settings.effects or effects.by_default()), *(kind.name for kind in own)]
     without = {kinds[name] for name in settings.without}
     found = [kind for kind in dict.fromkeys(kinds[name] for name in names) if kind not in without]
     if not found:
-        raise InputError("diagnose.settings.without", "every effect", "some that are looked for", "leave out fewer")
+        raise InputError("without", "every effect", "some that are looked for", "leave out fewer")
     return found
 
 
@@ -333,6 +335,6 @@ def tolerances_on(robot: Robot, settings: Settings, own: Sequence[type[Effect]] 
         effect, _, parameter = name.partition(".")
         if effect not in kinds or parameter not in kinds[effect].declarations():
             expected = "<effect>.<parameter>, such as armature.inertia"
-            raise InputError("diagnose.settings.tolerances", name, expected, "correct the name")
+            raise InputError("settings.tolerances", name, expected, "correct the name")
         found[f"{kinds[effect].called(robot)}.{parameter}"] = share
     return found

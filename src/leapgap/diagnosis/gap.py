@@ -89,7 +89,7 @@ def folds_of(logs: int, folds: int) -> np.ndarray:
     """Which fold each log is held out with, (logs,)."""
     if logs < 2:
         expected = "two or more: a cause is judged on logs it was not fitted on"
-        raise InputError("diagnose.logs", f"{logs} log", expected, "log another motion")
+        raise InputError("logs", f"{logs} log", expected, "log another motion")
     return np.arange(logs) % min(folds, logs)
 
 

@@ -80,7 +80,7 @@ class JointFitSettings:
         """Refuse numbers that mean nothing: a fit without a step has no derivatives."""
         for name in ("first_steps", "all_steps", "steps", "most_causes"):
             if getattr(self, name) < 1:
-                where = f"diagnose.settings.joint.{name}"
+                where = f"settings.joint.{name}"
                 raise InputError(where, f"{getattr(self, name)}", "1 or more", "correct it")
 
 
@@ -152,8 +152,8 @@ class JointFit:
         short_gap = self.heldout_gap.by_short_steps
         usual_ms, short_ms = (1e3 * gap.replayer.largest_step_s for gap in (self.heldout_gap, short_gap))
         note = (
-            f"steps of the simulation of {short_ms:.2g} ms explain these logs better than those of "
-            f"{usual_ms:.2g} ms, whose error looks like damping and lag; causes were chosen by the short steps"
+            f"a time step of {short_ms:.2g} ms explains these logs better than {usual_ms:.2g} ms, whose error looks "
+            "like damping and lag; causes were chosen with the short step"
         )
         if note not in self.notes:
             self.notes.append(note)

@@ -129,4 +129,4 @@ class Settings:
 
 def wrong_setting(name: str, value: float | str, expected: str) -> InputError:
     """The refusal of a setting of a diagnosis."""
-    return InputError(f"diagnose.settings.{name}", f"{value}", expected, "correct it")
+    return InputError(f"settings.{name}", f"{value}", expected, "correct it")

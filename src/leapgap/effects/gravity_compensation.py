@@ -1,4 +1,4 @@
-"""Drives that carry the weight of the robot's links by themselves, beside what they are told."""
+"""Gravity compensation missing from the log."""
 
 from collections.abc import Hashable
 from dataclasses import dataclass

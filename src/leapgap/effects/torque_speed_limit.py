@@ -1,4 +1,4 @@
-"""Motors that run out of voltage: less torque the faster they turn."""
+"""Voltage limit of the motors."""
 
 from dataclasses import dataclass, replace
 from math import ceil, inf
