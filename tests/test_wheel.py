@@ -87,7 +87,7 @@ def test_every_requirement_is_pinned_within_its_range(text: str) -> None:
 
 
 def test_the_guide_lists_every_extra() -> None:
-    page = (ROOT / "docs" / "guide" / "installation.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "how-to" / "install.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (`[^|]+) \|", page, re.MULTILINE)
     assert {name.strip("` ") for row in rows for name in row.split(",")} == set(project()["optional-dependencies"])
 

@@ -45,7 +45,7 @@ class JointFitSettings:
     """Width of the joint fit, and when an effect is taken away."""
 
     first_steps: int = 4
-    """Steps of all effects to short pieces alone, which answer almost linearly."""
+    """Steps of all effects to short segments alone, which answer almost linearly."""
     all_steps: int = 4
     """Largest number of steps to whole logs and pieces of the effects that pieces leave."""
     steps: int = 6
@@ -69,8 +69,8 @@ class JointFitSettings:
     are surely nearer with it; and what a fit of all effects has found takes the place of what a search one by one has,
     where it is likelier by more and closes more."""
     clear_gain: float = 60.0
-    """A further cause that gained so much in short pieces is tried on whole logs even where noise explains their rest.
-    Errors in the simulation of the causes before it give gains of up to 50."""
+    """A further cause that gained so much in short segments is tried on whole logs even where noise explains their
+    rest. Errors in the simulation of the causes before it give gains of up to 50."""
     least_closure: float = 0.05
     """Smallest share of the headline gap of held-out logs that it must close beyond the causes found before."""
     least_sure: float = 0.9

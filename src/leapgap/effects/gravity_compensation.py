@@ -18,7 +18,7 @@ LEAST = 1e-12
 
 @dataclass(frozen=True)
 class GravityCompensation(Effect):
-    """Share of the weight of the links that the located joints move which the drive makes up for, at all joints.
+    """Share of the weight of the links that the located joints move that the drive compensates, at all joints.
 
     MuJoCo's ``gravcomp``: the drive adds the torque that holds these weights, by the model, to what it is told, and its
     limit is that of the sum. It is added to what the model states, and may take that away. Links beyond a passive
