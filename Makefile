@@ -117,7 +117,7 @@ docs: .venv/ready $(PICTURES)/hero.png $(PICTURES)/arm_report.png
 	@echo "open site/index.html"
 
 $(PICTURES)/hero.png: $(PICTURES)/hero.py
-	python $< $@
+	@MUJOCO_GL=$${MUJOCO_GL:-egl} python $< $@ || echo "$@ stays as it is: it needs MuJoCo's renderer (EGL)"
 
 $(PICTURES)/arm_report.png: $(PICTURES)/report_pages.py docs/examples/arm_logs.py
 	python $< $(PICTURES)

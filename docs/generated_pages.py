@@ -11,6 +11,7 @@ import inspect
 import re
 import sys
 import textwrap
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ COPIED = {"index.md": "README.md", "research/changelog.md": "CHANGELOG.md"}
 """Page of the site by the file at the project's root that it shows."""
 RECORD = ("research/", "contributing/")
 """Folders whose pages the search does not find."""
+WIDE = ("reference/effects.md", "explanation/comparison.md")
+"""Pages whose tables take the place of the table of contents."""
 LINK = re.compile(r"(?P<picture>!?)\[(?P<text>[^\]]*)\]\((?P<target>[^)\s]+)\)")
 COMMAND_WIDTH = 100
 
@@ -41,6 +44,8 @@ EFFECTS = """# Effects
 is the value that the model file states. *Default*: looked for in every diagnosis. *Named*: looked for with `--effects`;
 [restrict or extend the search](../how-to/choose_effects.md) says how. [Effect signatures](signatures.md) shows how each
 looks in a motion. How exactly each is simulated stands in the [research record](../research/effects.md).
+
+<div class="second-wide" markdown>
 
 | effect | what it is | parameter, unit | nominal | acts at | looked for |
 |---|---|---|---|---|---|
@@ -108,7 +113,7 @@ def effects_page() -> str:
             said = f"**{what[:1].upper()}{what[1:]}.** {detail}" if called else ""
             rows.append(f"| {called} | {said} | `{parameter}`{unit} | {nominal} | {places} | {when} |")
             called = ""
-    return EFFECTS + "\n".join(rows) + "\n"
+    return EFFECTS + "\n".join(rows) + "\n\n</div>\n"
 
 
 def settings_page() -> str:
@@ -162,6 +167,14 @@ def results_page() -> str:
     return f"{markdown(sections(ROOT))}\n{made_with(ROOT)}"
 
 
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """State the version in the title of the site."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    config.site_name = f"{project['name']} {project['version']}"
+    config.copyright = f"{project['name']} {project['version']}, licence {project['license']}"
+    return config
+
+
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages to those of docs/."""
     for page, file in COPIED.items():
@@ -182,4 +195,8 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Leave pages of the research record out of the search."""
     if page.file.src_uri.startswith(RECORD):
         page.meta["search"] = {"exclude": True}
+    if page.file.src_uri == "index.md":
+        page.meta["hide"] = ["navigation"]
+    if page.file.src_uri in WIDE:
+        page.meta["hide"] = ["toc"]
     return markdown

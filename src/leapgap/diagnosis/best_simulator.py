@@ -239,7 +239,8 @@ class BestFit:
             tuple(numbers),
             typical(candidate, gap.names),
         )
-        self.progress(f"best simulator: {best.source}, closes {best.closure.value:.2f}, the answer {answer:.2f}")
+        own = f"explains {best.closure.value:.2f}, the identified causes {answer:.2f}"
+        self.progress(f"best simulator: {best.source}, {own}")
         return best
 
     def judged(self, candidate: Candidate, left: np.ndarray) -> list[BestNumber]:
@@ -273,7 +274,7 @@ class BestFit:
                     "its interval holds the nominal value": abs(own[k] - h.nominal[k]) <= by[k],
                 }
                 named = self.is_named(h)
-                why["the answer does without it"] = not named and not any(why.values())
+                why["it is not among the identified causes"] = not named and not any(why.values())
                 reasons = tuple(reason for reason, holds in why.items() if holds)
                 ends = sorted(h.typical_value(p.name, own + side * by, logs) for side in (-1, 1))
                 value, ci95 = h.typical_value(p.name, own, logs), (ends[0], ends[1])

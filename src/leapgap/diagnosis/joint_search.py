@@ -189,7 +189,7 @@ class SearchBesideClock(JointSearch):
         near = part(
             near, self.without_idle(near, self.losses_without, self.joint.plan.least_sign, among=self.told_by(near))
         )
-        self.joint.progress(f"by short pieces, {in_words(near)}")
+        self.joint.progress(f"by short segments, {in_words(near)}")
         return self.joint.fit(near.hypotheses, near.numbers, self.joint.plan.all_steps)
 
     def told_by(self, fit: FullRolloutFit) -> list[int]:

@@ -97,7 +97,7 @@ def sentence(
         )
     parts = [
         f"{effects.describe(h.kind)} ({describe_estimate(h, numbers, logs)})"
-        + (f", which cannot be told apart from {' and '.join(names[1:])}," if names[1:] else "")
+        + (f", which cannot be separated from {' and '.join(names[1:])}," if names[1:] else "")
         for h, numbers, names in zip(selected.hypotheses, selected.split(), answer, strict=True)
     ]
     if len(parts) > MOST_SAID:

@@ -91,7 +91,7 @@ class TorqueLimits(Check):
             if delivered
             else f"; by {by} the robot did not deliver it ({100 * given:.0f} ± {100 * error:.0f} %)"
             if withheld
-            else f"; {by} does not tell whether the robot delivered it"
+            else f"; {by} does not show whether the robot delivered it"
         )
         return CheckResult(self.name, not delivered, max(0.0, given) if delivered else 0.0, threshold, says, per_log)
 
