@@ -195,7 +195,7 @@ def prepare(
         again = {one.name: one for one in run_checks(judged.logs, robot, settings.check_thresholds, outside.logs)}
         checks = [one if one.reads is not None else again.get(one.name, one) for one in checks]
     heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng)
-    progress(f"{len(logs)} logs, {sum(judged.rows)} rows judged")
+    progress(f"step 1 of 3, checks and replays: {len(logs)} logs, {sum(judged.rows)} samples are judged")
     for force in outside.forces:
         progress(f"external force: {force.says}")
     if clock is not None:
@@ -234,6 +234,7 @@ def find_answer(
     pieces = partial(ShortRollouts.of, judged.states, ready.replayer, settings.horizon_s, settings.every_s)
     # Logs by their own clock are judged by a joint fit; beside it, single causes by half of the pieces show rivals.
     plan = settings.plan if clock is None else replace(settings.plan, most_causes=1)
+    progress(f"step 2 of 3, search: {len(hypotheses)} hypotheses (an effect at a location) on short segments")
     counts = (most, (most + 1) // 2) if clock is None else ((most + 1) // 2, (most + 3) // 4)
     whole, coarse = map(pieces, counts)
     result = find_causes(whole, coarse, hypotheses, settings.tolerances, ready.heldout_gap.folds, plan, progress)
@@ -241,7 +242,7 @@ def find_answer(
         result.selected, settings.noise_draws, np.random.default_rng(settings.seed)
     )
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
-    progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
+    progress(f"step 3 of 3, rivals and whole logs: gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
     told, of_pieces = (evidence, whitened(pieces(most))) if clock is not None else ((), result.short or whitened(whole))
     near = result.selected if clock is None else None
@@ -276,6 +277,7 @@ def answer_by_evidence(
     hypotheses = list_hypotheses(kinds, judged.robot, None)
     bench = Bench(hypotheses, settings.tolerances, judged.states, ready.replayer)
     search = Search(bench, gap.folds, progress)
+    progress(f"step 2 of 3, search: {len(hypotheses)} hypotheses (an effect at a location)")
     judgement = conclude(search, search.explore(), gap)
     gap = gap.at_stable_horizon(judgement.selected, settings.noise_draws, np.random.default_rng(settings.seed))
     told = gather([states.log for states in judged.whole], judged.robot)
