@@ -55,7 +55,7 @@ def test_what_leaves_short_pieces_far_from_noise_is_told_as_a_part(robot: Robot)
     assert not judgement.selected.at_bound
     found = partly_where_another_acts(judgement, fit, DecisionThresholds())
     assert found.conclusion.verdict == "partly" and found.conclusion.answer == (("armature",),)
-    assert any("short pieces stay" in note for note in fit.notes)
+    assert any("short segments stay" in note for note in fit.notes)
 
 
 def test_what_fits_within_its_range_stays(robot: Robot) -> None:

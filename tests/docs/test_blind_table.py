@@ -19,7 +19,7 @@ ROWS = [
     ("named first, of detectable single effects", "named_first", 100),
     ("a wrong named, of all cases", "wrongly_named", 100),
     ("both of a pair, where both show", "pairs_both_named", 100),
-    ("members of a triple, of those that show", "triples_members_named", 100),
+    ("members of a triple, of those detectable", "triples_members_named", 100),
     ("unknown or partly, of detectable effects", "unknown_recall", 100),
     ("none, of robots with nothing wrong", "none_correct", 100),
     ("overlap of the map", "where_overlap", 1),

@@ -89,7 +89,7 @@ class HorizonError:
     corrected: float
     """On held-out logs."""
     unmoved: float
-    """That of a robot that stays as it was at each start."""
+    """That of a robot that does not move at each start."""
 
 
 @dataclass(frozen=True)
