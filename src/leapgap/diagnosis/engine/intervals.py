@@ -17,7 +17,7 @@ import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
 from leapgap.diagnosis.short_rollouts import StateChannels, smooth_starts
-from leapgap.effects.base import Effect, overriding
+from leapgap.effects.base import ACTING, Effect, overrides, overriding
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
@@ -197,7 +197,9 @@ class Intervals:
         ``transition``, exactly, and feet stay as deep in the ground as they are.
         """
         acting = self.acting[log]
-        if self.has_memory(log, effects) or self.has_memory(log, acting):
+        if moving(effects) == moving(acting):
+            change = np.zeros((self.courses[log].intervals, 2 * self.robot.model.nv))
+        elif self.has_memory(log, effects) or self.has_memory(log, acting):
             change = self._with_memory(log, effects, transition)
         else:
             late = self.misreported(log, acting)
@@ -309,6 +311,11 @@ class Intervals:
         return PreparedIntervals(replayer, trial, models, which.ravel(), controls, steps_until)
 
 
+def moving(effects: Effects) -> Effects:
+    """Those effects that change the true motion."""
+    return tuple(effect for effect in effects if any(overrides(type(effect), method) for method in ACTING))
+
+
 @dataclass(frozen=True)
 class PreparedIntervals:
     """The intervals of one log by one robot."""
@@ -336,16 +343,24 @@ class PreparedIntervals:
         return full
 
 
+class Pool:
+    """Threads that replay together, with their working memory."""
+
+    def __init__(self, model: mujoco.MjModel, threads: int) -> None:
+        self.threads = mujoco.rollout.Rollout(nthread=threads if threads > 1 else 0)
+        self.data = [mujoco.MjData(model) for _ in range(threads)]
+
+
 def roll(
     parts: Sequence[tuple[PreparedIntervals, np.ndarray]],
     states: np.ndarray,
     forces: np.ndarray | None = None,
-    data: list[mujoco.MjData] | None = None,
+    pool: "Pool | None" = None,
 ) -> "ReachedStates":
     """True states at the ends of intervals of several logs, from true states (some, nq + nv).
 
     ``parts`` are the first intervals of each log, in the order of ``states`` and of ``forces`` (some, nv), N or N·m.
-    Working memory ``data`` of several threads makes them share the work.
+    The threads of a ``pool`` share the work.
     """
     robot = parts[0][0].replayer.robot
     models = [own.models[own.model_of[k]] for own, which in parts for k in which]
@@ -362,8 +377,9 @@ def roll(
     if forces is not None:
         applied = np.broadcast_to(forces[:, None], (len(forces), longest, forces.shape[1]))
         controls, spec = np.concatenate([controls, applied], axis=2), WITH_FORCE
+    pool = pool or Pool(models[0], 1)
     with without_warnings():
-        out, _ = mujoco.rollout.rollout(models, data or mujoco.MjData(models[0]), full, controls, control_spec=spec)
+        out, _ = pool.threads.rollout(models, pool.data, full, controls, control_spec=spec)
     until = np.concatenate([own.steps[which] for own, which in parts]) - 1
     ended = out[np.arange(len(out))[:, None], until]
     lost = ~(np.abs(ended) < DIVERGED).all(axis=(1, 2))

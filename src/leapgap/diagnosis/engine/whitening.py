@@ -8,11 +8,10 @@ for each level of the force, and errors and columns pass through the same recurs
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
-from leapgap.diagnosis.engine.intervals import Intervals, roll
+from leapgap.diagnosis.engine.intervals import Intervals, Pool, roll
 from leapgap.diagnosis.engine.responses import Displacements, Linearisation, force_units, rough_steps
 from leapgap.robot.motion import Motion
 
@@ -185,7 +184,7 @@ class Following:
         self.prepared = [own.prepare(log, own.without_memory(log)) for log in logs]
         self.misreported = [own.misreported(log, own.without_memory(log)) for log in logs]
         self.references = [np.concatenate([c.reference.qpos, c.reference.qvel], axis=1) for c in own.courses]
-        self.data = [mujoco.MjData(self.prepared[0].models[0]) for _ in range(own.replayer.threads)]
+        self.pool = Pool(self.prepared[0].models[0], own.replayer.threads)
         at = zip(self.chunks.log, self.chunks.first, strict=True)
         self.state = np.array([own.courses[log].start_states[first] for log, first in at])
         self.force = np.zeros((len(self.chunks.log), self.nv))
@@ -217,7 +216,7 @@ class Following:
             (self.prepared[log], np.repeat(np.array([i for g, i in at if g == log]), width))
             for log in dict.fromkeys(logs.tolist())
         ]
-        reached = roll(parts, starts, forces, self.data)[:, 0]
+        reached = roll(parts, starts, forces, self.pool)[:, 0]
         added = after + np.repeat([self.offsets[log][interval] for log, interval in at], width, axis=0)
         return displaced(reached, added, robot) if added.any() else reached
 
