@@ -88,3 +88,11 @@ def test_links_between_pages_lead_somewhere() -> None:
 def test_the_moving_picture_of_the_front_page_is_small() -> None:
     [picture] = re.findall(r"!\[[^]]*\]\(([^)]+)\)", TEXTS["README.md"])
     assert Path(ROOT / picture).stat().st_size < 2_000_000
+
+
+def test_the_quoted_error_messages_are_those_of_the_code() -> None:
+    table = TEXTS["docs/reference/errors.md"].partition("| message contains")[2]
+    quoted = re.findall(r"^\| `([^`]+)`", table, re.MULTILINE)
+    code = [path.read_text(encoding="utf-8") for path in (ROOT / "src" / "leapgap").rglob("*.py")]
+    assert len(quoted) > 10
+    assert [text for text in quoted if not any(text in one for one in code)] == []
