@@ -201,7 +201,7 @@ def prepare(
     if clock is not None:
         judged = clock.judged
         heldout_gap = heldout_gap.by_own_clock(judged, settings.noise_draws, rng)
-        progress(f"by their own clock: gap {heldout_gap.gap(heldout_gap.nominal):.3f}")
+        progress(f"with corrected time stamps: gap {heldout_gap.gap(heldout_gap.nominal):.3f}")
     return ReadyLogs(given, judged, replayer, heldout_gap, checks, clock, outside)
 
 

@@ -35,7 +35,7 @@ def without_uncertain(judgement: Judgement, fit: JointFit, thresholds: DecisionT
     at = fit.by_steps_of(selected) or fit
     found = replace(judgement, conclusion=of_causes(conclusion, at, kept))
     closed, closes = (at.judging.closure_value(own) for own in at.judging.squares([selected, found.selected]))
-    fit.progress(f"without {names}, hardly known: closes {closes:.2f}, {closed:.2f} before")
+    fit.progress(f"without {names}, hardly known: explains {closes:.2f}, {closed:.2f} before")
     if closed - closes < fit.plan.least_part or closes >= thresholds.enough_jointly:
         return found
     return replace(found, conclusion=replace(found.conclusion, verdict="partly"))
