@@ -274,7 +274,7 @@ class SearchInParts(JointSearch):
             lost, left = self.joint.closes(fit) - self.joint.closes(again), 1 - self.joint.closes(fit)
             by_noise = gap.gap(again.heldout) <= none_gap * gap.gap(gap.floor)
             share = (again.loss - fit.loss) / (self.joint.nominal_loss - fit.loss)
-            self.joint.progress(f"without {fit.names[k]}: explains {lost:.2f} less, {share:.0%} of the likelihood's rise")
+            self.joint.progress(f"without {fit.names[k]}: explains {lost:.2f} less, {share:.0%} of the likelihood")
             small = lost < plan.least_part and share < plan.least_share and (lost <= left or by_noise)
             at_end = fit.hypotheses[k].at_bound(fit.split()[k])
             if small and (at_end or not self.surely_helps(fit, again)):
