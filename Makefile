@@ -84,7 +84,7 @@ full: run
 	python -m stages.made_with metrics/learning_full.json metrics/landing_full.json
 
 # After make run: kicks, pushes, unseen blocks and wrong crouches on seven robots by three draws of practice, an hour of two
-# cores: metrics/landing_kicked.json, and the tables of docs/experiments.md. Killed, it goes on where it was.
+# cores: metrics/landing_kicked.json, and the tables of docs/research/experiments.md. Killed, it goes on where it was.
 KICKED := data/kicked
 kicked: run
 	python -m stages.land -m experiment=kicked land.seed=11,12,13 'land.methods=[learned_goal_mpc,ours]' \
@@ -94,7 +94,7 @@ kicked: run
 	python -m stages.made_with metrics/landing_kicked.json
 
 # After make run: the paper's comparison on eight robots by three draws of practice, two hours of two cores:
-# metrics/landing_paper.json, and the table of docs/paper.md. Killed, it goes on where it was.
+# metrics/landing_paper.json, and the table of docs/research/paper.md. Killed, it goes on where it was.
 PAPER := data/paper
 paper: run
 	python -m stages.land -m experiment=paper land.seed=6,7,8 hydra.sweep.dir=$(PAPER)/draws
@@ -114,11 +114,19 @@ test: .venv/ready renderer
 test-all: .venv/ready renderer
 	pytest -n 2 --dist loadfile --no-loadscope-reorder tests/test_pipeline.py tests  # the longest file first
 
-# The site: guide and API reference, in site/index.html; opens from the file, without a network.
+# The site, in site/index.html; opens from the file, without a network. Its pictures are made anew where the scripts or examples
+# that make them have changed: a minute of a processor each.
+PICTURES := docs/pictures
 docs: export NO_MKDOCS_2_WARNING := 1  # a notice of its theme's authors
-docs: .venv/ready
+docs: .venv/ready $(PICTURES)/hero.png $(PICTURES)/arm_report.png
 	mkdocs build -q --strict
 	@echo "open site/index.html"
+
+$(PICTURES)/hero.png: $(PICTURES)/hero.py
+	@MUJOCO_GL=$${MUJOCO_GL:-egl} python $< $@ || echo "$@ stays as it is: it needs MuJoCo's renderer (EGL)"
+
+$(PICTURES)/arm_report.png: $(PICTURES)/report_pages.py docs/examples/arm_logs.py
+	python $< $(PICTURES)
 
 # Hostile ticks, kills and corrupted logs, about an hour: metrics/hostile.json. Ended, it goes on where it was
 # (data/hostile). A part of it: python -m tests.hostile.run --help
@@ -127,7 +135,7 @@ hostile: .venv/ready
 	python -m tests.hostile.run
 	python -m stages.made_with metrics/hostile.json
 
-# Logs of real robots with published answers, from data/raw (docs/robots.md), half an hour: metrics/real/robots.json. Killed,
+# Logs of real robots with published answers, from data/raw (docs/research/robots.md), half an hour: metrics/real/robots.json. Killed,
 # it goes on where it was.
 robots: .venv/ready
 	python -m stages.robots

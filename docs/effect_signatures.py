@@ -1,7 +1,7 @@
 """Signatures of effects: the trace of each effect by phase and channel in replays of short pieces.
 
-``python -m docs.effect_signatures data/references/own/h00_d50.parquet docs/effects.md`` renews the tables in
-the page.
+``python -m docs.effect_signatures data/references/own/h00_d50.parquet docs/research/effects.md`` renews the tables
+in the page.
 """
 
 import sys

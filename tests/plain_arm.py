@@ -67,7 +67,7 @@ def write_csv(folder: Path, logs: int = 4) -> Path:
 
 
 def write_parquet(folder: Path, logs: int = 4) -> Path:
-    """The logs in the documented form (docs/formats.md), written by pyarrow alone."""
+    """The logs in the documented form (docs/reference/log_format.md), written by pyarrow alone."""
     folder.mkdir(parents=True, exist_ok=True)
     for i in range(logs):
         table = pa.table(swing(i)).replace_schema_metadata({"leapgap": json.dumps(EXAMPLE.INFO)})

@@ -79,7 +79,7 @@ def test_five_lines_find_what_the_arm_hides(report: lg.Report) -> None:
 def test_printed_it_says_sentence_gap_and_numbers(report: lg.Report) -> None:
     lines = str(report).splitlines()
     assert lines[0] == f"named: {report.sentence}"
-    assert "viscous friction of the gears (joint_damping at elbow: damping 0." in lines[0]
+    assert "viscous friction (joint_damping at elbow: damping 0." in lines[0]
     assert lines[1].startswith("gap 0.29") and lines[1].endswith("(4 logs)")
     assert lines[2].startswith("  joint_damping at elbow: damping 0.") and "N·m·s/rad" in lines[2]
 
@@ -166,8 +166,8 @@ def test_checks_need_no_robot(folder: Path) -> None:
         "set_points",
     ]
     assert alone.passed and with_robot.passed
-    assert str(alone).startswith("passed  velocity_channel: velocities of the joints are those of their positions")
-    assert "passed  row_clock: rows last equally long" in str(alone)
+    assert str(alone).startswith("passed  velocity_channel: joint velocities match the derivative of the positions")
+    assert "passed  row_clock: samples are evenly spaced" in str(alone)
     assert "passed  joint_clock: positions of the joints agree with their velocities" in str(alone)
 
 
@@ -214,6 +214,24 @@ def test_an_effect_of_the_users_own_is_judged_beside_ours(folder: Path) -> None:
     assert "counterweight" in {cause.effect for cause in report.causes}
 
 
+def test_effects_mean_in_a_call_what_they_mean_in_the_command(folder: Path) -> None:
+    report = lg.diagnose(
+        folder / "logs", folder / "arm.xml", effects=["joint_damping", "armature"], without=["armature"]
+    )
+    assert {cause.effect for cause in report.causes} == {"joint_damping"}
+    cause = report.causes[0]
+    low, high = cause.parameters["damping"].interval
+    assert (cause.effect, cause.location) == ("joint_damping", "elbow") and low < cause.parameters[
+        "damping"
+    ].value < high
+    shown = report._repr_html_()
+    assert shown.startswith("<p><b>named</b>: viscous friction") and "<td>elbow</td><td>damping</td>" in shown
+    with pytest.raises(lg.InputError, match=r"effects: found joint_dampng; .*did you mean joint_damping\?"):
+        lg.diagnose(folder / "logs", folder / "arm.xml", effects=["joint_dampng"])
+    with pytest.raises(lg.InputError, match=r"did you mean joint_damping\?"):
+        lg.effects.effect("joint_dampin")
+
+
 def run(*arguments: object) -> int:
     return cli.main([str(one) for one in arguments])
 
@@ -228,7 +246,7 @@ def test_the_command_from_a_csv_to_a_report(folder: Path, tmp_path: Path, capsys
     assert run("diagnose", logs, arm, "--out", out, "--effects", "joint_damping,joint_friction", "--quiet") == 0
     said = capsys.readouterr().out
     assert "4 logs:" in said and "passed  joint_clock" in said
-    assert "named: viscous friction of the gears (joint_damping at elbow: damping 0." in said
+    assert "named: viscous friction (joint_damping at elbow: damping 0." in said
     assert run("report", out, "--no-browser") == 0
     assert str(out / "report.html") in capsys.readouterr().out
     replays = tmp_path / "replays"
@@ -292,10 +310,10 @@ def test_the_table_of_effects_reads_values_from_the_robot(folder: Path, capsys: 
     assert "needs a free base" in table  # foot_friction of an arm
     assert "needs constants of its motors" in table
     assert "-0.05 to 6" in table  # damping: down to none of the model's own, up to a tenth of the motors' 60 N·m
-    together = {line.split()[0] for line in table.splitlines() if line.endswith("named, or where several act)")}
+    together = {line.split()[0] for line in table.splitlines() if line.endswith("named, or with several causes)")}
     assert together == {"friction_compensation", "link_inertia", "link_payload"}
-    named = {line.split()[0] for line in table.splitlines() if line.endswith("(looked for if named)")}
-    uneven = {line.split()[0] for line in table.splitlines() if line.endswith("named, or in logs of uneven rows)")}
+    named = {line.split()[0] for line in table.splitlines() if line.endswith("(searched if named)")}
+    uneven = {line.split()[0] for line in table.splitlines() if line.endswith("named, or with uneven time stamps)")}
     assert uneven == {"computation_delay", "velocity_filter"}
     assert named | together | uneven == {name for name, kind in lg.effects.known().items() if not kind.by_default}
 

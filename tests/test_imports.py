@@ -1,4 +1,4 @@
-"""The direction of imports, which keeps the library readable from the outside in (docs/architecture.md)."""
+"""The direction of imports, which keeps the library readable from outside (docs/contributing/architecture.md)."""
 
 import re
 

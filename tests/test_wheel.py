@@ -87,7 +87,7 @@ def test_every_requirement_is_pinned_within_its_range(text: str) -> None:
 
 
 def test_the_guide_lists_every_extra() -> None:
-    page = (ROOT / "docs" / "guide" / "installation.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "how-to" / "install.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (`[^|]+) \|", page, re.MULTILINE)
     assert {name.strip("` ") for row in rows for name in row.split(",")} == set(project()["optional-dependencies"])
 
@@ -218,7 +218,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_two_logs_are_diagnosed_by_command_in_an_empty_environment(python: Path, arm: Path) -> None:
     command = python.with_name("leapgap")
     said = run(command, "diagnose", "logs", "arm.xml", "--out", "out", "--quiet", cwd=arm)
-    assert said.startswith("named: viscous friction of the gears (joint_damping at elbow: damping ")
+    assert said.startswith("named: viscous friction (joint_damping at elbow: damping ")
     report = json.loads((arm / "out" / "report.json").read_text(encoding="utf-8"))
     assert report["answer"] == [["joint_damping"]]
     damping = report["causes"][0]["parameters"]["damping"]["value"]
@@ -239,5 +239,5 @@ report.save("again/")
 @pytest.mark.pipeline
 def test_two_logs_are_diagnosed_by_five_lines_in_an_empty_environment(python: Path, arm: Path) -> None:
     said = run(python, "-c", FIVE_LINES, cwd=arm)
-    assert said.startswith("named: viscous friction of the gears (joint_damping at elbow")
+    assert said.startswith("named: viscous friction (joint_damping at elbow")
     assert (arm / "again" / "corrected" / "effects.json").is_file()

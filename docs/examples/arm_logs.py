@@ -6,7 +6,7 @@ writes into FOLDER
 
 - ``robot.xml``: the model, as its owner believes it. The elbow's damping is 0.05 N·m·s/rad there.
 - ``measured/swing_0.csv`` …: what the owner's logger wrote, angles in degrees, columns with names of its own.
-- ``logs/swing_0.parquet`` …: the same in the form of docs/formats.md, written by pyarrow.
+- ``logs/swing_0.parquet`` …: the same in the form of docs/reference/log_format.md, written by pyarrow.
 
 The arm that swings has an elbow damping of 0.45 N·m·s/rad: the model is wrong by 0.40. ELBOW names another truth, as
 MuJoCo attributes of the elbow joint, such as ``'damping="0.05" stiffness="4"'``.

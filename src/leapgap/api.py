@@ -21,6 +21,7 @@ from leapgap.logs.reading import Readings
 from leapgap.reports.diagnosis import ChosenLogs, Report, diagnose_chosen, diagnose_folder
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import sha256
+from leapgap.settings import replaced
 from leapgap.simulation.corrected import read_corrected
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
@@ -141,31 +142,37 @@ def diagnose(
     logs: Logs,
     robot: Robot | PathLike,
     settings: Settings | None = None,
-    effects: Sequence[type[Effect]] = (),
+    effects: Sequence[str | type[Effect]] = (),
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
     descriptions: Sequence[Robot | PathLike] = (),
+    without: Sequence[str] = (),
+    also: Sequence[type[Effect]] = (),
 ) -> Report:
     """Where the simulation differs from the logs, which effect causes it, and how far the gap shrinks with it.
 
     Of a folder, logs that cannot be used are set aside, and so are, of any logs, those that depart from their fellows;
     the report names them. ``robot`` is a MuJoCo model, ``settings`` those that were validated unless others are given.
-    ``effects`` are classes of your own that are looked for beside the known ones. ``descriptions`` are other models of
-    the same robot, each judged as it is. ``progress`` is told lines for a person; ``threads`` (all cores, where it is
-    None) change the time it takes and nothing else.
+    ``effects`` limits the search, as ``--effects`` does: names that ``leapgap effects`` lists, or classes of your own;
+    empty: those that are on by default. ``without`` leaves effects out, and ``also`` adds classes of your own to those
+    on by default. ``descriptions`` are other models of the same robot, each judged as it is. ``progress`` gets lines
+    for a person. ``threads`` (None: all cores) changes the time it takes and nothing else.
     """
-    loaded, chosen = load_robot(robot), settings or Settings()
+    loaded, given = load_robot(robot), settings or Settings()
+    own = tuple(dict.fromkeys([*(one for one in effects if not isinstance(one, str)), *also]))
+    names = [one if isinstance(one, str) else one.name for one in effects]
+    chosen = replaced(given, effects=[*given.effects, *names], without=[*given.without, *without])
     record = recorder() if find_spec("rerun") else None
     others = [load_robot(one) for one in descriptions]
     if isinstance(logs, PathLike) and Path(logs).is_dir():
-        report = diagnose_folder(Path(logs), loaded, chosen, progress, threads, tuple(effects), others, record)
+        report = diagnose_folder(Path(logs), loaded, chosen, progress, threads, own, others, record)
         if report is None:
             raise no_logs(Path(logs), "*.parquet", loaded)
         return report
     read = read_logs(logs)
     provenance = Provenance.of(read, loaded, asdict(chosen), file_hashes(logs, read))
     some_logs = ChosenLogs.of(Readings(tuple(read)), progress)
-    return diagnose_chosen(some_logs, loaded, chosen, tuple(effects), provenance, progress, threads, others, record)
+    return diagnose_chosen(some_logs, loaded, chosen, own, provenance, progress, threads, others, record)
 
 
 def file_hashes(source: Logs, logs: Sequence[Log]) -> dict[str, str] | None:

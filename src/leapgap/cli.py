@@ -19,7 +19,7 @@ from leapgap.runtime.output_folder import check_output, merged_folder, system_er
 from leapgap.runtime.processes import InterruptGuard, open_closed_streams, tolerate_terminal
 from leapgap.runtime.still_running import still_running
 
-DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how far the gap shrinks with it added."
+DESCRIPTION = "Find out why a robot does not move as its MuJoCo simulation does."
 IMPORT, REPLAY, DEMO = "leapgap import", "leapgap replay", "leapgap demo"
 """Commands, as the markers of their output folders name them."""
 MOST_THREADS = 1024
@@ -69,32 +69,34 @@ def parser() -> argparse.ArgumentParser:
         return added
 
     diagnose = command("diagnose", run_diagnose, "diagnose logs against a MuJoCo model and write a report")
-    diagnose.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
+    diagnose.add_argument("logs", type=Path, help="folder of logs in leapgap's format (*.parquet)")
     diagnose.add_argument("robot", type=Path, help="model of the robot (MJCF or URDF)")
-    diagnose.add_argument("--out", type=Path, metavar="DIR", help="folder for report and corrected robot; none: print")
-    diagnose.add_argument("--effects", metavar="A,B", help="look for these effects only (see: leapgap effects)")
-    diagnose.add_argument("--without", metavar="A,B", help="do not look for these effects")
-    diagnose.add_argument("--settings", type=Path, metavar="FILE", help="settings that differ, as JSON")
+    diagnose.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for report and corrected model; default: print"
+    )
+    diagnose.add_argument("--effects", metavar="A,B", help="search these effects only (list: leapgap effects)")
+    diagnose.add_argument("--without", metavar="A,B", help="leave these effects out")
+    diagnose.add_argument("--settings", type=Path, metavar="FILE", help="file of settings that differ, JSON or YAML")
     diagnose.add_argument(
         "--viewer",
         choices=("light", "embedded"),
         default="light",
         help="embedded: the Rerun viewer inside the page, 25 MB in place of 3 MB",
     )
-    diagnose.add_argument("--threads", type=count, metavar="N", help="threads to use; none: all cores")
-    diagnose.add_argument("--quiet", action="store_true", help="print the answer and nothing on the way")
+    diagnose.add_argument("--threads", type=count, metavar="N", help="number of threads; default: all cores")
+    diagnose.add_argument("--quiet", action="store_true", help="print the result only, no progress")
 
     robot_options(diagnose)
 
-    check = command("check", run_check, "check clocks and consistency of logs; takes seconds and fits nothing")
-    check.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
-    check.add_argument("robot", type=Path, nargs="?", help="MuJoCo model: free fall and planted feet are checked too")
+    check = command("check", run_check, "check time stamps and consistency of logs, in seconds")
+    check.add_argument("logs", type=Path, help="folder of logs in leapgap's format (*.parquet)")
+    check.add_argument("robot", type=Path, nargs="?", help="model of the robot: enables the checks that need one")
 
     robot_options(check)
 
-    replay = command("replay", run_replay, "simulate the logs' own commands and write the replays as logs")
-    replay.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
-    replay.add_argument("robot", type=Path, help="MuJoCo model of the robot (XML), or a folder 'corrected' of a report")
+    replay = command("replay", run_replay, "replay the logged commands in simulation and write the replays as logs")
+    replay.add_argument("logs", type=Path, help="folder of logs in leapgap's format (*.parquet)")
+    replay.add_argument("robot", type=Path, help="model of the robot, or the folder 'corrected' of a report")
     replay.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the replays")
     replay.add_argument(
         "--effect",
@@ -106,36 +108,35 @@ def parser() -> argparse.ArgumentParser:
 
     robot_options(replay)
 
-    bring = command("import", run_import, "turn logs of another format into logs of ours")
+    bring = command("import", run_import, "convert logs of another format to leapgap's format")
     bring.add_argument("source", type=Path, help="folder that holds the logs, or one file")
-    bring.add_argument("robot", type=Path, help="MuJoCo model whose joints the logs are of")
-    bring.add_argument("--format", help="csv, json, parquet, npz, hdf5, mat, pt, ros, lerobot, sage, …; none: as found")
+    bring.add_argument("robot", type=Path, help="model of the robot (MJCF or URDF)")
+    bring.add_argument("--format", help="csv, json, parquet, npz, hdf5, mat, pt, ros, lerobot, sage, …; default: any")
     bring.add_argument("--out", type=Path, metavar="DIR", help="folder for the logs")
     bring.add_argument(
-        "--guess", action="store_true", help="print a map of columns for these logs, as YAML to check; import nothing"
+        "--guess", action="store_true", help="suggest a column mapping for these logs as YAML; import nothing"
     )
     bring.add_argument(
         "--options",
         type=Path,
         metavar="FILE",
-        help="options of the format, as YAML or JSON: alone, or as in conf/import_logs with the format beside them; "
-        "none: a map as --guess prints it, if the logs leave no question open",
+        help="column mapping, YAML or JSON; default: the suggested one, if it leaves no question open",
     )
 
     robot_options(bring)
 
-    effects = command("effects", run_effects, "list the effects that are looked for, with units and ranges")
-    effects.add_argument("robot", type=Path, nargs="?", help="MuJoCo model: nominal values and ranges are read from it")
+    effects = command("effects", run_effects, "list the effects that can be searched, with units and ranges")
+    effects.add_argument("robot", type=Path, nargs="?", help="model of the robot: gives nominal values and ranges")
     robot_options(effects)
 
-    report = command("report", run_report, "print the answer of a report and open its page")
+    report = command("report", run_report, "print the result of a report and open its page")
     report.add_argument("folder", type=Path, help="folder that 'leapgap diagnose --out' wrote")
-    report.add_argument("--no-browser", action="store_true", help="print where the page is and open nothing")
+    report.add_argument("--no-browser", action="store_true", help="do not open the page")
 
-    demo = command("demo", run_demo, "diagnose a simulated robot with a hidden effect and open the report; a minute")
+    demo = command("demo", run_demo, "diagnose a simulated robot with a hidden fault; about a minute")
     demo.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for logs and report: demo")
-    demo.add_argument("--number", type=int, default=3, metavar="N", help="which robot; each hides another effect: 3")
-    demo.add_argument("--no-browser", action="store_true", help="print where the page is and open nothing")
+    demo.add_argument("--number", type=int, default=3, metavar="N", help="which robot; each has another fault: 3")
+    demo.add_argument("--no-browser", action="store_true", help="do not open the page")
     return top
 
 
@@ -144,9 +145,9 @@ def robot_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--fix-base",
         action=argparse.BooleanOptionalAction,
-        help="hold a floating robot at the pose of its model; with no-: let a URDF float",
+        help="hold a floating base at the pose of the model; --no-fix-base lets a URDF float",
     )
-    command.add_argument("--feet", metavar="A,B", help="names of geoms or sites that are feet; none: named spheres")
+    command.add_argument("--feet", metavar="A,B", help="geoms or sites that are feet; default: named spheres")
 
 
 def robot_of(chosen: argparse.Namespace) -> Any:
@@ -204,7 +205,7 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
     from leapgap import api
     from leapgap.diagnosis.diagnose import Settings
     from leapgap.reports.diagnosis import SAVED_BY
-    from leapgap.settings import from_json, replaced
+    from leapgap.settings import from_json
 
     if chosen.out is not None:
         check_output(chosen.out, SAVED_BY, (chosen.logs, chosen.robot), kept=True)
@@ -213,16 +214,19 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
 
         viewer_folder()  # what is missing is said before the work begins
     settings = from_json(Settings, chosen.settings) if chosen.settings else Settings()
-    for key in ("effects", "without"):
-        if getattr(chosen, key):
-            settings = replaced(settings, **{key: [name.strip() for name in getattr(chosen, key).split(",")]})
+    effects, without = names_in(chosen.effects), names_in(chosen.without)
     with nullcontext(lambda _: None) if chosen.quiet else still_running(tell) as progress:
         robot = load_robot(chosen)
         progress(f"{robot.path.name}: {robot.step_and_integrator}")
-        report = api.diagnose(chosen.logs, robot, settings, progress=progress, threads=chosen.threads)
+        report = api.diagnose(chosen.logs, robot, settings, effects, progress, chosen.threads, without=without)
     tell(report)
     if chosen.out is not None:
         print_written(report.save(chosen.out, chosen.viewer))
+
+
+def names_in(text: str | None) -> list[str]:
+    """Names in a list such as ``a,b``; none where there is no text."""
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
 def print_written(folder: Path) -> None:

@@ -125,10 +125,10 @@ def test_a_report_has_it_in_print_on_its_page_and_in_a_folder(report: Report, tm
     best = best_of(report.diagnosis)
     report.save(tmp_path / "out")
     (line,) = [one for one in str(report).splitlines() if one.startswith("best simulator: ")]
-    assert line.startswith("best simulator: all effects fitted together close 99 % (95 %: ")
-    assert line.endswith(f"; believe {len(best.believed)} of its {len(best.numbers)} numbers")
+    assert line.startswith("best simulator: all effects fitted together explain 99 % (95 %: ")
+    assert line.endswith(f"; {len(best.believed)} of its {len(best.numbers)} numbers are reliable")
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "Simulate with it, and do not explain with it." in page
+    assert "Use this model for prediction only." in page
     assert page.count('<td class="bad">no</td>') == len(best.numbers) - len(best.believed)
     stored = read_json(tmp_path / "out" / "report.json")["best_simulator"]
     assert [one["why"] for one in stored["numbers"]] == [list(one.why) for one in best.numbers]
@@ -247,7 +247,7 @@ def test_reasons_not_to_believe_a_number(robot: Robot) -> None:
         "its interval holds the nominal value",
     )
     others = replace(fit, answer=replace(candidate, hypotheses=hypotheses[1:]))
-    assert others.judged(candidate, np.zeros(4))[0].why == ("the answer does without it",)
+    assert others.judged(candidate, np.zeros(4))[0].why == ("it is not among the identified causes",)
 
 
 def one(name: str, robot: Robot) -> Hypothesis:

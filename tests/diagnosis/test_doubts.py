@@ -47,7 +47,7 @@ def test_what_ends_at_its_range_and_leaves_much_is_told_as_a_part(robot: Robot) 
     assert judgement.selected.at_bound
     found = partly_where_another_acts(judgement, fit, DecisionThresholds())
     assert found.conclusion.verdict == "partly" and found.conclusion.answer == (("armature",),)
-    assert any("ends at its range" in note for note in fit.notes)
+    assert any("at the end of its range" in note for note in fit.notes)
 
 
 def test_what_leaves_short_pieces_far_from_noise_is_told_as_a_part(robot: Robot) -> None:
@@ -55,7 +55,7 @@ def test_what_leaves_short_pieces_far_from_noise_is_told_as_a_part(robot: Robot)
     assert not judgement.selected.at_bound
     found = partly_where_another_acts(judgement, fit, DecisionThresholds())
     assert found.conclusion.verdict == "partly" and found.conclusion.answer == (("armature",),)
-    assert any("short pieces stay" in note for note in fit.notes)
+    assert any("short segments stay" in note for note in fit.notes)
 
 
 def test_what_fits_within_its_range_stays(robot: Robot) -> None:
@@ -80,7 +80,7 @@ def test_a_further_cause_that_logs_do_not_tell_is_left_out(robot: Robot) -> None
     found = without_uncertain(judgement, fit, DecisionThresholds())
     assert found.conclusion.answer == (("joint_friction",),) and found.conclusion.verdict == "named"
     assert found.selected.names == ("joint_friction",) and found.selected.numbers == pytest.approx(0.3, rel=0.03)
-    assert fit.notes == ["left out, since its number is hardly known: armature"]
+    assert fit.notes == ["left out, since the logs hardly determine its number: armature"]
 
 
 def test_a_further_cause_that_logs_tell_stays(robot: Robot) -> None:
@@ -104,7 +104,7 @@ def test_several_causes_that_leave_much_and_are_less_known_than_such_that_act_ar
     strict = replace(much, least_known_named=1e9)  # no number is known so well
     found = partly_where_another_acts(judgement, fit, strict)
     assert found.conclusion.verdict == "partly" and found.conclusion.answer == judgement.conclusion.answer
-    assert any("less known" in note and "joint_friction" in note for note in fit.notes)
+    assert any("poorly determined" in note and "joint_friction" in note for note in fit.notes)
     closing = replace(strict, enough_jointly=0.5)
     assert partly_where_another_acts(judgement, fit, closing) is judgement
     rivals = (("joint_friction", "joint_damping"), ("armature",))

@@ -121,14 +121,14 @@ def test_pushes_are_blamed_on_no_parameter(arm: Robot, tmp_path: Path) -> None:
     assert report.closure_of_answer.value > 0.95
     assert "at 1.50 s in swing_0, elbow, +1.4 N·m for 0.2" in report.sentence
     assert [one["at"] for one in report.to_json()["outside_forces"]] == ["elbow", "shoulder"]
-    assert "from outside: at 2.50 s in swing_2, shoulder, -1.3 N·m for 0.17 s, impulse -0.14 N·m·s (" in str(whole)
+    assert "external force: at 2.50 s in swing_2, shoulder, -1.3 N·m for 0.17 s, impulse -0.14 N·m·s (" in str(whole)
     page = " ".join((whole.save(tmp_path) / "report.html").read_text().split())
-    assert "<h2>Forces from outside</h2>" in page
-    assert "What they close is of these logs alone" in page
-    assert "Nothing about the robot: without the forces from outside" in page
+    assert "<h2>External forces</h2>" in page
+    assert "holds for these logs only" in page
+    assert "Nothing about the robot: without the external forces" in page
     partly = replace(report, verdict="partly")
     page = " ".join(html(partly, whole.logs, arm, whole.nominal, whole.corrected).split())
-    assert "Nothing in the answer is of the robot: the corrected robot is the nominal one" in page
+    assert "Only external forces were identified: the corrected robot is the nominal one" in page
     assert "Simulate with the corrected robot" not in page
 
 

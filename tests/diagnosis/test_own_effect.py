@@ -152,7 +152,7 @@ class Undecorated(CableSpring):
 def test_a_class_is_described_by_its_own_words() -> None:
     assert effects.describe(CableSpring) == "cables that pull a joint back to zero"
     assert effects.describe(Wordless) == "cable pull"
-    assert effects.describe(effects.known()["joint_damping"]) == "viscous friction of the gears"
+    assert effects.describe(effects.known()["joint_damping"]) == "viscous friction"
 
 
 @pytest.mark.parametrize(

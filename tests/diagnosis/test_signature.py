@@ -67,7 +67,7 @@ def test_without_effects_there_is_no_trace(robot: Robot, reference: Log) -> None
 
 
 def test_page_names_every_effect_and_the_command_renews_its_tables(tmp_path, reference: Log) -> None:
-    kept = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    kept = (ROOT / "docs" / "research" / "effects.md").read_text(encoding="utf-8")
     assert all(kept.count(f"| `{name}` |") == 1 for name in effects.known())
     jump_log.write_log(reference, tmp_path / "reference.parquet")
     page = tmp_path / "page.md"

@@ -36,9 +36,9 @@ def test_a_gap_closed_beyond_its_noise_floor_is_said_to_be_all_of_it(robot: Robo
     conclusion = Conclusion("named", (("joint_damping",),), (selected,), (1.0,))
     logs = ["jump_0", "jump_1"]
     words = sentence(conclusion, selected, 1.40, HeldOutFigures(np.zeros(2), 0.11, Interval(1.08, 1.03, 1.13)), logs)
-    assert words.endswith("explains all of the gap on logs not fitted on: it shrinks from 1.40 to 0.11.")
+    assert words.endswith("explains all of the gap on held-out logs: it falls from 1.40 to 0.11.")
     words = sentence(conclusion, selected, 1.40, HeldOutFigures(np.zeros(2), 0.31, Interval(0.85, 0.80, 0.91)), logs)
-    assert "explains 85 % (95 %: 80 to 91) of the gap on logs not fitted on: it shrinks from" in words
+    assert "explains 85 % (95 %: 80 to 91) of the gap on held-out logs: it falls from" in words
 
 
 def test_ten_causes_make_no_sentence_of_ten(robot: Robot) -> None:
@@ -59,8 +59,8 @@ def test_where_another_simulation_explains_the_gap_its_gap_is_told(robot: Robot)
         conclusion, Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0))), 0.31, figures, ["a", "b"]
     )
     assert words == (
-        "Nothing is wrong with the robot by these 2 logs: the gap of 0.31 comes from the simulation, and is 0.046 by "
-        "Euler's integrator and harder contacts alone."
+        "These 2 logs show no fault of the robot: the gap of 0.31 comes from the settings of the simulation, and is "
+        "0.046 with Euler's integrator and harder contacts alone."
     )
 
 

@@ -21,7 +21,7 @@ def checked(truth: Truth, folder: Path, torque: bool = False) -> CheckResult:
 def test_a_robot_that_gives_more_than_its_model_says_so(torque: bool, effects: dict, tmp_path: Path) -> None:
     result = checked(Truth(size=0.8, **effects), tmp_path, torque)
     assert not result.passed and result.statistic == pytest.approx(1.0, abs=0.4)
-    assert "% of the rows ask for more torque than the model gives: " in result.says
+    assert "% of the samples command more torque than the model's limit: " in result.says
     assert "of 8 N·m at most" in result.says and "the model's limit is too low" in result.says
     assert f"by the {'measured torque' if torque else 'motion'} the robot delivered it" in result.says
     assert max(result.per_log.values()) > 0.02
@@ -36,4 +36,4 @@ def test_a_robot_that_is_limited_as_its_model_is(torque: bool, tmp_path: Path) -
 def test_nothing_asked_beyond_a_limit(tmp_path: Path) -> None:
     result = TorqueLimits().run(pd_arms.logs(number=2), pd_arms.robot(tmp_path), 0.5)
     assert result is not None and result.passed
-    assert result.says == "no row asks for more torque than the model gives"
+    assert result.says == "no sample commands more torque than the model's limit"

@@ -7,7 +7,7 @@ says why::
     <!-- not run: needs network -->
 
 A block with the tag ``output`` is what the blocks before it on its page have printed. Lines may be left out of it and
-broken elsewhere, and numbers may differ, as they do from machine to machine.
+broken elsewhere. Numbers may differ by 10 %, or by one in the last digit that the page shows: more is a stale page.
 """
 
 import contextlib
@@ -23,7 +23,9 @@ from typing import Any
 PYTHON = ("python", "py")
 SHELL = ("bash", "sh", "shell", "console")
 OUTPUT = "output"
-NUMBER = re.compile(r"-?\d[\d.e-]*")
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
+NEAR = 0.1
+"""Share by which a printed number may differ from that of the page."""
 COMMANDS = ("dvc", "git", "leapgap", "make", "mkdocs", "pip", "pytest", "python", "python3", "rerun")
 FENCE = re.compile(r"(?P<indent>[ \t]*)(?P<fence>`{3,}|~{3,})\s*(?P<language>[\w+-]*)")
 NOT_RUN = re.compile(r"\s*<!--\s*not run:(?P<reason>.*?)-->\s*")
@@ -127,16 +129,28 @@ def run_page(page: str, text: str, folder: Path, environment: dict[str, str]) ->
 
 
 def check_printed(block: Block, printed: str) -> None:
-    """Raise ``BlockError`` where a line of a block of output was not printed, numbers and line breaks aside."""
-    said = in_words(printed)
-    for line in filter(None, map(in_words, block.code.splitlines())):
-        if line not in said:
-            raise BlockError(f"{block.place}: no block before it has printed {line!r}\n{printed[-4000:]}")
+    """Raise ``BlockError`` where a line of a block of output was not printed, line breaks and near numbers aside."""
+    said = in_one_line(printed)
+    for line in filter(None, map(in_one_line, block.code.splitlines())):
+        shown = NUMBER.findall(line)
+        words = NUMBER.pattern.join(map(re.escape, NUMBER.split(line)))
+        found = [NUMBER.findall(one) for one in re.findall(words, said)]
+        if not any(all(map(is_near, shown, numbers)) for numbers in found):
+            others = "; ".join(dict.fromkeys(" ".join(numbers) for numbers in found))
+            but = f", but with the numbers {others}" if found else ""
+            raise BlockError(f"{block.place}: no block before it has printed {line!r}{but}\n{printed[-4000:]}")
 
 
-def in_words(text: str) -> str:
-    """A text in one line, with a sign in the place of each number."""
-    return NUMBER.sub("#", " ".join(text.split()))
+def in_one_line(text: str) -> str:
+    """A text with single spaces in place of line breaks and indents."""
+    return " ".join(text.split())
+
+
+def is_near(shown: str, printed: str) -> bool:
+    """Whether a printed number is that of the page, to ``NEAR`` of it or to one in its last digit."""
+    last = 0.0 if "e" in shown else 10.0 ** -len(shown.partition(".")[2])
+    away = abs(float(shown) - float(printed))
+    return away <= max(NEAR * abs(float(shown)), 1.001 * last)
 
 
 def run_python(block: Block, names: dict[str, Any], folder: Path) -> str:

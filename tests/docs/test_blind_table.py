@@ -1,4 +1,4 @@
-"""The tables of docs/blind.md and the counts of README.md hold the figures of the metrics."""
+"""The tables of docs/research/blind.md and the counts of README.md hold the figures of the metrics."""
 
 import re
 
@@ -10,7 +10,7 @@ from tests.docs.tables import table_of
 
 BLIND = read_json(ROOT / "metrics" / "blind.json")
 ROBOTS = read_json(ROOT / "metrics" / "real" / "robots.json")
-FOUND = {row[0]: row[1:] for row in table_of(ROOT / "docs" / "blind.md", "| found | A1 |")}
+FOUND = {row[0]: row[1:] for row in table_of(ROOT / "docs" / "research" / "blind.md", "| found | A1 |")}
 README = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
 # The beginning of a row, the metric, how many of its units are one.
 ROWS = [
@@ -19,7 +19,7 @@ ROWS = [
     ("named first, of detectable single effects", "named_first", 100),
     ("a wrong named, of all cases", "wrongly_named", 100),
     ("both of a pair, where both show", "pairs_both_named", 100),
-    ("members of a triple, of those that show", "triples_members_named", 100),
+    ("members of a triple, of those detectable", "triples_members_named", 100),
     ("unknown or partly, of detectable effects", "unknown_recall", 100),
     ("none, of robots with nothing wrong", "none_correct", 100),
     ("overlap of the map", "where_overlap", 1),
@@ -37,9 +37,10 @@ INJECTED = [
     ("mean difference of promised and realised closure", "closure_promise_error", 1),
 ]
 COLUMNS = {"a1": 0, "ur5e": 1}
-SINGLES = (
-    r"(\d+) of (\d+) detectable single causes are named first, all ten pairs that show .* and (\d+) of (\d+) members"
-)
+SINGLES = r"the right cause first in (\d+) of (\d+) detectable single faults"
+VERDICTS = {
+    row[0]: row[1] for row in table_of(ROOT / "docs" / "explanation" / "verdicts.md", "| | A1 jumps, 150 cases |")
+}
 
 
 def assert_begins_with(cell: str, value: float) -> None:
@@ -63,7 +64,7 @@ def test_scores(robot: str, beginning: str, metric: str, units: int) -> None:
 @pytest.mark.parametrize(("beginning", "metric", "units"), INJECTED)
 def test_injected_causes(beginning: str, metric: str, units: int) -> None:
     metrics = read_json(ROOT / "metrics" / "diagnosis.json")
-    rows = dict(table_of(ROOT / "docs" / "blind.md", f"| found | {metrics['cases']} cases |"))
+    rows = dict(table_of(ROOT / "docs" / "research" / "blind.md", f"| found | {metrics['cases']} cases |"))
     [cell] = [cell for name, cell in rows.items() if name.startswith(beginning)]
     assert_begins_with(cell, units * metrics[metric])
 
@@ -71,19 +72,32 @@ def test_injected_causes(beginning: str, metric: str, units: int) -> None:
 def test_counts_of_the_front_page() -> None:
     found = re.search(SINGLES, README)
     assert found
-    first, singles, members, of_members = map(int, found.groups())
+    first, singles = map(int, found.groups())
     assert first / singles == pytest.approx(BLIND["named_first"], abs=1e-5)
-    assert members / of_members == pytest.approx(BLIND["triples_members_named"], abs=1e-5)
-    assert BLIND["pairs_both_named"] == 1
     for share, text in (
-        ("wrongly_named", "{:.0f} % of all cases get a wrong name"),
-        ("parameter_error_median", "Numbers are {:.1f} % off"),
-        ("coverage", "and {:.0f} % of the intervals"),
+        ("wrongly_named", "a wrong name in {:.1f} % of 150 cases"),
+        ("parameter_error_median", "median parameter error {:.1f} %"),
+        ("coverage", "{:.0f} % of the 95 % intervals contain the true value"),
     ):
         assert text.format(100 * BLIND[share]) in README
+
+
+@pytest.mark.parametrize(
+    ("row", "metric"),
+    [
+        ("right cause first, of detectable single causes", "named_first"),
+        ("both of a pair, where both are detectable", "pairs_both_named"),
+        ("members of a triple, of those detectable", "triples_members_named"),
+        ("none where nothing is wrong", "none_correct"),
+        ("unknown or partly where the cause is not in the list", "unknown_recall"),
+    ],
+)
+def test_counts_of_the_page_on_verdicts(row: str, metric: str) -> None:
+    count, of = map(int, VERDICTS[row].split(" of "))
+    assert count / of == pytest.approx(BLIND[metric], abs=1e-5)
 
 
 def test_real_robots_of_the_front_page() -> None:
     judged = [case["right"] for case in ROBOTS["cases"].values() if case["right"] is not None]
     assert (sum(judged), len(judged)) == (6, 8)
-    assert "six of eight answers are right" in README
+    assert "6 of 8 answers right" in README

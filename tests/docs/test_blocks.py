@@ -104,11 +104,17 @@ def test_a_mark_or_fence_that_hides_blocks_is_refused(page: str, message: str) -
     assert str(caught.value) == message
 
 
-def test_output_is_compared_word_by_word_and_numbers_may_differ(tmp_path: Path) -> None:
-    page = code_block("python", "print('gap 0.294, then\\n  all of it', end='')") + code_block(
+def test_output_is_compared_word_by_word_and_its_numbers_to_a_tenth(tmp_path: Path) -> None:
+    page = code_block("python", "print('gap 0.294, then\\n  all of it, swing_0', end='')") + code_block(
         "output", "gap 0.30,\nthen all"
     )
     run_page("page.md", page, tmp_path, dict(os.environ))
-    for said in ("then none", "gap 0.3 m"):
+    for said in ("then none", "gap 0.3 m", "gap 0.33,", "gap 0.250,", "gap -0.294,", "swing_2"):
         with pytest.raises(BlockError, match="no block before it has printed"):
             run_page("page.md", page + code_block("output", said), tmp_path, dict(os.environ))
+
+
+def test_a_stale_number_is_shown_beside_the_printed_one(tmp_path: Path) -> None:
+    page = code_block("python", "print('95 %: 0.337 to 0.462')") + code_block("output", "95 %: 0.376 to 0.423")
+    with pytest.raises(BlockError, match=r"but with the numbers 95 0\.337 0\.462"):
+        run_page("page.md", page, tmp_path, dict(os.environ))

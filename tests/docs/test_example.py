@@ -22,11 +22,29 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_library_makes_none_of_its_own_example_data() -> None:
-    nodes = list(ast.walk(ast.parse(SCRIPT.read_text(encoding="utf-8"))))
+@pytest.mark.parametrize("script", sorted(SCRIPT.parent.glob("*.py")), ids=lambda path: path.stem)
+def test_the_library_makes_none_of_its_own_example_data(script: Path) -> None:
+    nodes = list(ast.walk(ast.parse(script.read_text(encoding="utf-8"))))
     imported = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     imported |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
-    assert {name.split(".")[0] for name in imported} == {"json", "sys", "pathlib", "mujoco", "numpy", "pyarrow"}
+    plain = {"json", "sys", "pathlib", "mujoco", "numpy", "pyarrow"}
+    assert {name.split(".")[0] for name in imported} - {"importlib"} == plain
+
+
+def test_servos_hold_where_their_true_gain_and_weight_agree(tmp_path: Path) -> None:
+    """Where the servo arm rests, torque kp (action − angle) bears its weight, up to the friction of its joints."""
+    servo = runpy.run_path(str(SCRIPT.with_name("servo_arm_logs.py")))
+    model = mujoco.MjModel.from_xml_string(servo["MODEL"].format(**servo["TRUE"]))
+    data = mujoco.MjData(model)
+    action, measured = map(np.radians, servo["episode"](0))
+    still = [i for i in range(5, len(action)) if not np.ptp(action[i - 4 : i + 1], axis=0).any()]
+    still = [i for i in still if np.ptp(measured[i - 4 : i + 1], axis=0).max() < 2e-3]
+    assert len(still) > 20
+    for i in still:
+        data.qpos[:] = measured[i]
+        mujoco.mj_forward(model, data)
+        torque = servo["TRUE"]["kp"] * (action[i] - measured[i])
+        assert np.abs(torque - data.qfrc_bias).max() < servo["TRUE"]["friction"] + 0.05
 
 
 def test_csv_in_degrees_and_parquet_in_radians_hold_one_motion(folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""The tables of docs/experiments.md on landings hold the figures of landing_full, _kicked and _corrected.json."""
+"""The tables of docs/research/experiments.md hold the figures of landing_full, _kicked and _corrected.json."""
 
 import re
 
@@ -9,7 +9,7 @@ from stages.draws import single_tasks, tables
 from tests.code import ROOT
 from tests.docs.tables import cells_of, table_of
 
-PAGE = ROOT / "docs" / "experiments.md"
+PAGE = ROOT / "docs" / "research" / "experiments.md"
 FULL = read_json(ROOT / "metrics" / "landing_full.json")
 KICKED = read_json(ROOT / "metrics" / "landing_kicked.json")
 CORRECTED = read_json(ROOT / "metrics" / "landing_corrected.json")

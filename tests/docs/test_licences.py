@@ -6,7 +6,7 @@ import tomllib
 
 from tests.code import ROOT
 
-PAGE = (ROOT / "docs" / "licences.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "contributing" / "licences.md").read_text(encoding="utf-8")
 ROWS = [row.split("|") for row in PAGE.splitlines() if row.startswith("|")]
 LISTED = {name.strip(): row[2] for row in ROWS for name in row[1].split(",")}
 RECIPROCAL = re.compile(r"\b(A?L?GPL|General Public|EPL|MPL|Mozilla|ZPL|Zope|EUPL|CC-BY-SA)")
@@ -35,5 +35,5 @@ def test_what_is_not_permissive_is_listed_as_such() -> None:
     for package in importlib.metadata.distributions():
         if RECIPROCAL.search(stated(package.metadata)):
             name = package.metadata["Name"]
-            assert name in LISTED, f"{name} ({stated(package.metadata)}) is missing in docs/licences.md"
-            assert RECIPROCAL.search(LISTED[name]), f"docs/licences.md calls {name} permissive"
+            assert name in LISTED, f"{name} ({stated(package.metadata)}) is missing in docs/contributing/licences.md"
+            assert RECIPROCAL.search(LISTED[name]), f"docs/contributing/licences.md calls {name} permissive"

@@ -1,4 +1,4 @@
-"""The table of docs/paper.md holds the figures of metrics/landing_paper.json."""
+"""The table of docs/research/paper.md holds the figures of metrics/landing_paper.json."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ METHODS = ("nominal_variable", "plan_variable", "learned_fixed", "learned_variab
 
 
 def test_landings_by_draw_of_practice() -> None:
-    rows, told = table_of(ROOT / "docs" / "paper.md", "| robot | draw |"), []
+    rows, told = table_of(ROOT / "docs" / "research" / "paper.md", "| robot | draw |"), []
     for robot, methods in ROBOTS.items():
         for seed, learned in methods["learned_variable"].items():
             errors = {

@@ -199,4 +199,4 @@ def test_effects_act_together_in_any_order(robot: Robot, reference: Log) -> None
 def test_configuration_round_trip() -> None:
     found = (effects.effect("payload", mass_kg=1.0), effects.effect("torque_gain", location="front", scale=0.8))
     assert effects.from_config(effects.to_config(found)) == found
-    assert effects.describe(effects.known()["joint_damping"]) == "viscous friction of the gears"
+    assert effects.describe(effects.known()["joint_damping"]) == "viscous friction"

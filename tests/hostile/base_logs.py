@@ -124,7 +124,7 @@ def published_log(seed: int) -> Columns:
 
 
 def header_checksum(text: bytes, names: list[str], rows: int) -> bytes:
-    """CRC-32 of the header, as docs/formats.md defines it."""
+    """CRC-32 of the header, as docs/reference/log_format.md defines it."""
     return b"%08x" % zlib.crc32("\0".join(names).encode(), zlib.crc32(str(rows).encode(), zlib.crc32(text)))
 
 

@@ -109,22 +109,22 @@ def test_options_that_are_no_file_are_not_waited_for(
 
 
 MEANINGLESS = {
-    "piece_s": ("piece_s: 1.0e-9", "import_logs.csv.piece_s: found 1e-09"),
+    "piece_s": ("piece_s: 1.0e-9", "csv.piece_s: found 1e-09"),
     "resample_s": ("resample_s: 1.0e-8", "in rows of 1e-08 s: found"),
-    "resample_inf": ("resample_s: .inf", "import_logs.csv.resample_s: found inf"),
-    "period_inf": ("period_s: .inf", "import_logs.csv.period_s: found inf"),
-    "window_inf": ("velocity_window_s: .inf", "import_logs.csv.velocity_window_s: found inf"),
-    "least_rows": ("least_rows: -5", "import_logs.csv.least_rows: found -5"),
-    "most_rows": ("most_rows: 0", "import_logs.csv.most_rows: found 0"),
-    "target": ("target_x_m: .inf", "import_logs.csv.target_x_m: found inf"),
-    "segment": ("segments: [{name: a, begin_s: 2, end_s: 1}]", "import_logs.csv.segments"),
-    "segment_nan": ("segments: [{name: a, begin_s: .inf, end_s: .inf}]", "import_logs.csv.segments"),
-    "piece_backwards": ("pieces: [{name: a, begin_s: 2, end_s: 1}]", "import_logs.csv.pieces"),
+    "resample_inf": ("resample_s: .inf", "csv.resample_s: found inf"),
+    "period_inf": ("period_s: .inf", "csv.period_s: found inf"),
+    "window_inf": ("velocity_window_s: .inf", "csv.velocity_window_s: found inf"),
+    "least_rows": ("least_rows: -5", "csv.least_rows: found -5"),
+    "most_rows": ("most_rows: 0", "csv.most_rows: found 0"),
+    "target": ("target_x_m: .inf", "csv.target_x_m: found inf"),
+    "segment": ("segments: [{name: a, begin_s: 2, end_s: 1}]", "csv.segments"),
+    "segment_nan": ("segments: [{name: a, begin_s: .inf, end_s: .inf}]", "csv.segments"),
+    "piece_backwards": ("pieces: [{name: a, begin_s: 2, end_s: 1}]", "csv.pieces"),
     "schedule": (
         "schedule: {double_contact_s: -1, rear_contact_s: 0.1, flight_s: 0.1}",
-        "import_logs.csv.schedule: found double_contact_s -1",
+        "csv.schedule: found double_contact_s -1",
     ),
-    "factor": ("factors: {joint_pos/*: 0}", "import_logs.csv.factors, joint_pos/shoulder: found 0"),
+    "factor": ("factors: {joint_pos/*: 0}", "csv.factors, joint_pos/shoulder: found 0"),
 }
 """Name → options, and words of the message."""
 
@@ -149,7 +149,7 @@ def test_names_of_pieces_become_names_of_files_and_must_be_such(
     piece = json.dumps({"name": name, "begin_s": 0, "end_s": 1})
     (tmp_path / "options.yaml").write_text(f"{MAP}pieces: [{piece}]\n")
     code, said = import_with(folder, tmp_path / "options.yaml", capsys)
-    assert code == 2 and "import_logs.csv.pieces" in said and "a name of a file" in said, said
+    assert code == 2 and "csv.pieces" in said and "a name of a file" in said, said
     assert not (tmp_path / "out").exists()
 
 
@@ -157,7 +157,7 @@ def test_two_pieces_of_one_name_are_refused(folder: Path, tmp_path: Path, capsys
     pieces = "[{name: a, begin_s: 0, end_s: 1}, {name: a, begin_s: 1, end_s: 2}]"
     (tmp_path / "options.yaml").write_text(f"{MAP}pieces: {pieces}\n")
     code, said = import_with(folder, tmp_path / "options.yaml", capsys)
-    assert code == 2 and "import_logs.csv.pieces: found the name a twice" in said, said
+    assert code == 2 and "csv.pieces: found the name a twice" in said, said
 
 
 def test_settings_of_a_diagnosis_are_read_the_same_way(tmp_path: Path) -> None:

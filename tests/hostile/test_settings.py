@@ -32,21 +32,21 @@ NAN = float("nan")
     ],
 )
 def test_a_diagnosis_refuses_its_settings_by_name(name: str, value: float) -> None:
-    with pytest.raises(InputError, match=f"^diagnose.settings.{name}: found {value}; expected "):
+    with pytest.raises(InputError, match=f"^settings.{name}: found {value}; expected "):
         Settings(**{name: value})
 
 
 @pytest.mark.parametrize("name", ["first_steps", "all_steps", "steps", "most_causes"])
 def test_a_joint_fit_without_steps_is_refused(name: str) -> None:
-    with pytest.raises(InputError, match=f"^diagnose.settings.joint.{name}: found 0; expected 1 or more"):
+    with pytest.raises(InputError, match=f"^settings.joint.{name}: found 0; expected 1 or more"):
         JointFitSettings(**{name: 0})
 
 
 @pytest.mark.parametrize("size", [0.0, -1.0, NAN, float("inf")])
 def test_sizes_and_tolerances_are_numbers_above_zero(size: float) -> None:
-    with pytest.raises(InputError, match=r"diagnose.settings.sizes.joint_pos"):
+    with pytest.raises(InputError, match=r"settings.sizes.joint_pos"):
         Settings(sizes={"joint_pos": size})
-    with pytest.raises(InputError, match=r"diagnose.settings.tolerances.payload.mass_kg"):
+    with pytest.raises(InputError, match=r"settings.tolerances.payload.mass_kg"):
         Settings(tolerances={"payload.mass_kg": size})
 
 

@@ -247,7 +247,7 @@ def test_one_file_is_cut_where_a_flag_changes_and_rows_are_dropped(arm: Robot, t
     logs = Csv().read_all(table, "a", arm, CsvOptions(**options, cut_values=[1.0, 2.0]))  # type: ignore[arg-type]
     assert [(log.name, len(log)) for log in logs] == [("a_1", 20), ("a_2", 15), ("a_3", 39)]
     assert logs[1]["joint_pos/shoulder"][5] == pytest.approx(columns["q1"][50])  # after the rows that are dropped
-    with pytest.raises(InputError, match=r"no column state; expected the column that import_logs\.csv\.cut_by names"):
+    with pytest.raises(InputError, match=r"no column state; expected the column that csv\.cut_by names"):
         Csv().read_all(table, "a", arm, CsvOptions(**{**options, "cut_by": "state"}))  # type: ignore[arg-type]
 
 

@@ -1,4 +1,4 @@
-"""Pictures of the report and the index for the docs, by headless Chromium.
+"""A picture of the index of all results for the docs, by headless Chromium; docs/pictures/ makes the others.
 
 python -m tests.reports.take_screenshots data docs/screenshots
 """
@@ -25,9 +25,6 @@ class Shot:
 
 
 SHOTS = {
-    "report_light": Shot("reports/damped/report.html", (1200, 1500)),
-    "report_dark": Shot("reports/damped/report.html", (1200, 1500), dark=True),
-    "report_phone": Shot("reports/damped/report.html", (500, 1100)),
     "index": Shot("index.html", (1200, 1100)),
 }
 COLOURS = 128

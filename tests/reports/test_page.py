@@ -159,7 +159,7 @@ def test_without_the_viewers_package_it_says_what_to_install(
     arguments = [str(arm / "logs"), str(arm / "arm.xml"), "--viewer", "embedded", "--out", str(tmp_path / "out")]
     assert cli.main(["diagnose", *arguments]) == 2
     said = capsys.readouterr().err
-    assert "report.viewer: found embedded without the package rerun-notebook" in said
+    assert "viewer: found embedded without the package rerun-notebook" in said
     assert "pip install --no-deps rerun-notebook==" in said
     assert not (tmp_path / "out").exists()
 

@@ -123,7 +123,7 @@ def test_tiles_say_the_error_of_the_worst_channel_in_its_unit(two_joints: Robot)
     found = report_on(("joint_pos/j1",), answer=(("x",),), closure_of_answer=closed, **figures)
     error, share, gap, logs = tiles(found, [log], {"log": off[3.0]}, {"log": off[0.25]})  # type: ignore[arg-type]
     assert (error.nominal, error.corrected, error.unit) == ("3.00", "0.25", "°")
-    assert error.says == "j1 position, rms error, corrected on logs not fitted on"
+    assert error.says == "j1 position, rms error, corrected on held-out logs"
     assert (share.nominal, share.unit, share.says) == ("90", "%", "of the gap explained (95 %: 80 to 95 %)")
     assert (gap.nominal, gap.corrected) == ("0.30", "0.02")
     assert (logs.nominal, logs.unit, logs.says) == ("1", "logs", "4 s of motion")
@@ -134,7 +134,7 @@ def test_tiles_say_the_error_of_the_worst_channel_in_its_unit(two_joints: Robot)
 def test_a_ratio_is_printed_and_drawn_without_a_unit() -> None:
     scale = ParameterEstimate(0.918, (0.907, 0.928), 1.0, "1", False)
     cause = Cause("torque_gain", "all", 0.72, {"scale": scale}, {}, Interval(0.5, 0.4, 0.6), 0.1, ())
-    assert cause_in_words(cause) == "  torque_gain: scale 0.918 (0.907 to 0.928), closes 50 %, probability 0.72"
+    assert cause_in_words(cause) == "  torque_gain: scale 0.918 (0.907 to 0.928), explains 50 %, probability 0.72"
     shown = SimpleNamespace(profiles=[Profile("torque_gain", "scale (1)", (0.8, 0.9, 1.0), (2.0, 0.0, 2.0))])
     assert profiles(shown).layout.xaxis.title.text == "scale"  # type: ignore[arg-type]
 
@@ -183,6 +183,6 @@ def test_pages_import_plotly_and_jinja_only_when_one_is_written(module: str) -> 
 def test_an_unknown_answer_prints_where_its_errors_lie() -> None:
     places = [Place(f"part_{k}", "joint_vel/elbow", 0.4 / k, 0.1, "rad/s") for k in range(1, 7)]
     (line,) = largest_errors(places)
-    assert line.startswith("errors lie in: elbow velocity, part_1 40 %; elbow velocity, part_2 20 %; ")
+    assert line.startswith("largest errors: elbow velocity, part_1 40 %; elbow velocity, part_2 20 %; ")
     assert "part_4" in line and "part_5" not in line
     assert largest_errors([]) == []

@@ -89,7 +89,7 @@ class BestSimulator:
     def in_words(self) -> str:
         """What it closes beside the answer, and how much of it is to be believed."""
         if self.is_answer:
-            whose = "the answer" if self.candidate.hypotheses else "the nominal robot"
+            whose = "the identified causes" if self.candidate.hypotheses else "the nominal robot"
             left = "no fit of all effects replays held-out logs better" if self.tried > 1 else "no gap is left to fit"
             return f"{whose}; {left}"
         share = self.closure.capped_at_one
@@ -97,8 +97,8 @@ class BestSimulator:
             f"{100 * part:.0f}" for part in (share.value, share.low, share.high, min(self.closure_of_answer, 1.0))
         )
         return (
-            f"all effects fitted together close {value} % (95 %: {low} to {high}) of the gap on logs not fitted on, "
-            f"the answer {answer} %; believe {len(self.believed)} of its {len(self.numbers)} numbers"
+            f"all effects fitted together explain {value} % (95 %: {low} to {high}) of the gap on held-out logs, the "
+            f"identified causes {answer} %; {len(self.believed)} of its {len(self.numbers)} numbers are reliable"
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -239,7 +239,8 @@ class BestFit:
             tuple(numbers),
             typical(candidate, gap.names),
         )
-        self.progress(f"best simulator: {best.source}, closes {best.closure.value:.2f}, the answer {answer:.2f}")
+        own = f"explains {best.closure.value:.2f}, the identified causes {answer:.2f}"
+        self.progress(f"best simulator: {best.source}, {own}")
         return best
 
     def judged(self, candidate: Candidate, left: np.ndarray) -> list[BestNumber]:
@@ -273,7 +274,7 @@ class BestFit:
                     "its interval holds the nominal value": abs(own[k] - h.nominal[k]) <= by[k],
                 }
                 named = self.is_named(h)
-                why["the answer does without it"] = not named and not any(why.values())
+                why["it is not among the identified causes"] = not named and not any(why.values())
                 reasons = tuple(reason for reason, holds in why.items() if holds)
                 ends = sorted(h.typical_value(p.name, own + side * by, logs) for side in (-1, 1))
                 value, ci95 = h.typical_value(p.name, own, logs), (ends[0], ends[1])

@@ -267,7 +267,7 @@ def with_small_cause(judgement: Judgement, fit: JointFit, thresholds: DecisionTh
     whole = gap.closure_value(after) >= thresholds.enough_jointly and is_noise(after, at, thresholds)
     if not (helps and sure and whole and at.explains_pieces(found.selected)):
         return None
-    fit.progress(f"with a small cause, {in_words(found.selected)}: closes {gap.closure_value(after):.2f}")
+    fit.progress(f"with a small cause, {in_words(found.selected)}: explains {gap.closure_value(after):.2f}")
     return found
 
 

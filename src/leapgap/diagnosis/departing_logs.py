@@ -95,7 +95,7 @@ def check_motion(logs: Sequence[Log]) -> None:
     columns = [values for log in logs for name, values in log.columns.items() if name != "time"]
     if all((values == values[0]).all() for values in columns):
         found = "logs in which nothing moves: every column keeps its first value"
-        raise InputError("diagnose.logs", found, "motions of the robot", "log some, with sensors that measure")
+        raise InputError("logs", found, "motions of the robot", "log some, with sensors that measure")
 
 
 def without_copies(logs: Sequence[Log]) -> tuple[list[Log], list[SetAside]]:

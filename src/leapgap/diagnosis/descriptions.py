@@ -69,7 +69,7 @@ def described(robot: Robot, judged: JudgedLogs) -> JudgedLogs:
     """The same logs, rows and channels with another description of their robot; ``InputError`` for another robot."""
     if robot.joints != judged.robot.joints or robot.has_free_base != judged.robot.has_free_base:
         raise InputError(
-            "diagnose.robots",
+            "descriptions",
             f"{robot.name} with the joints {', '.join(robot.joints)}",
             f"another description of {judged.robot.name}, with its joints {', '.join(judged.robot.joints)}",
             "leave it out, or name its joints so",

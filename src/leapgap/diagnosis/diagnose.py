@@ -40,7 +40,7 @@ from leapgap.diagnosis.slow_causes import judge_slow_causes
 from leapgap.diagnosis.summary import causes_of, not_judged, profiles_of, sentence
 from leapgap.effects.base import Effect, overrides
 from leapgap.effects.model_field import effect_class
-from leapgap.errors import InputError
+from leapgap.errors import InputError, did_you_mean
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
@@ -195,13 +195,13 @@ def prepare(
         again = {one.name: one for one in run_checks(judged.logs, robot, settings.check_thresholds, outside.logs)}
         checks = [one if one.reads is not None else again.get(one.name, one) for one in checks]
     heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng)
-    progress(f"{len(logs)} logs, {sum(judged.rows)} rows judged")
+    progress(f"step 1 of 3, checks and replays: {len(logs)} logs, {sum(judged.rows)} samples are judged")
     for force in outside.forces:
-        progress(f"from outside: {force.says}")
+        progress(f"external force: {force.says}")
     if clock is not None:
         judged = clock.judged
         heldout_gap = heldout_gap.by_own_clock(judged, settings.noise_draws, rng)
-        progress(f"by their own clock: gap {heldout_gap.gap(heldout_gap.nominal):.3f}")
+        progress(f"with corrected time stamps: gap {heldout_gap.gap(heldout_gap.nominal):.3f}")
     return ReadyLogs(given, judged, replayer, heldout_gap, checks, clock, outside)
 
 
@@ -234,6 +234,7 @@ def find_answer(
     pieces = partial(ShortRollouts.of, judged.states, ready.replayer, settings.horizon_s, settings.every_s)
     # Logs by their own clock are judged by a joint fit; beside it, single causes by half of the pieces show rivals.
     plan = settings.plan if clock is None else replace(settings.plan, most_causes=1)
+    progress(f"step 2 of 3, search: {len(hypotheses)} hypotheses (an effect at a location) on short segments")
     counts = (most, (most + 1) // 2) if clock is None else ((most + 1) // 2, (most + 3) // 4)
     whole, coarse = map(pieces, counts)
     result = find_causes(whole, coarse, hypotheses, settings.tolerances, ready.heldout_gap.folds, plan, progress)
@@ -241,7 +242,7 @@ def find_answer(
         result.selected, settings.noise_draws, np.random.default_rng(settings.seed)
     )
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
-    progress(f"headline gap {gap:.3f}, noise floor {floor:.3f}")
+    progress(f"step 3 of 3, rivals and whole logs: gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
     told, of_pieces = (evidence, whitened(pieces(most))) if clock is not None else ((), result.short or whitened(whole))
     near = result.selected if clock is None else None
@@ -276,6 +277,7 @@ def answer_by_evidence(
     hypotheses = list_hypotheses(kinds, judged.robot, clock_of(ready.checks))
     bench = Bench(hypotheses, settings.tolerances, judged.states, ready.replayer)
     search = Search(bench, gap.folds, progress)
+    progress(f"step 2 of 3, search: {len(hypotheses)} hypotheses (an effect at a location)")
     judgement = conclude(search, search.explore(), gap)
     gap = gap.at_stable_horizon(judgement.selected, settings.noise_draws, np.random.default_rng(settings.seed))
     told = gather([states.log for states in judged.whole], judged.robot)
@@ -303,12 +305,14 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
         unknown = [name for name in named if name not in kinds]
         if unknown:
             expected = f"names among {', '.join(kinds)}"
-            raise InputError(f"diagnose.settings.{key}", ", ".join(unknown), expected, "correct the name")
+            nearest = (did_you_mean(name, kinds) for name in unknown)
+            do = " ".join(filter(None, nearest)) or "list the names: leapgap effects"
+            raise InputError(key, ", ".join(unknown), expected, do)
     names = [*(settings.effects or effects.by_default()), *(kind.name for kind in own)]
     without = {kinds[name] for name in settings.without}
     found = [kind for kind in dict.fromkeys(kinds[name] for name in names) if kind not in without]
     if not found:
-        raise InputError("diagnose.settings.without", "every effect", "some that are looked for", "leave out fewer")
+        raise InputError("without", "every effect", "some that are looked for", "leave out fewer")
     return found
 
 
@@ -333,6 +337,6 @@ def tolerances_on(robot: Robot, settings: Settings, own: Sequence[type[Effect]] 
         effect, _, parameter = name.partition(".")
         if effect not in kinds or parameter not in kinds[effect].declarations():
             expected = "<effect>.<parameter>, such as armature.inertia"
-            raise InputError("diagnose.settings.tolerances", name, expected, "correct the name")
+            raise InputError("settings.tolerances", name, expected, "correct the name")
         found[f"{kinds[effect].called(robot)}.{parameter}"] = share
     return found

@@ -31,11 +31,11 @@ def without_uncertain(judgement: Judgement, fit: JointFit, thresholds: DecisionT
     if len(kept) == len(sizes):
         return judgement
     names = " and ".join(h.label for k, h in enumerate(selected.hypotheses) if k not in kept)
-    fit.notes.append(f"left out, since its number is hardly known: {names}")
+    fit.notes.append(f"left out, since the logs hardly determine its number: {names}")
     at = fit.by_steps_of(selected) or fit
     found = replace(judgement, conclusion=of_causes(conclusion, at, kept))
     closed, closes = (at.judging.closure_value(own) for own in at.judging.squares([selected, found.selected]))
-    fit.progress(f"without {names}, hardly known: closes {closes:.2f}, {closed:.2f} before")
+    fit.progress(f"without {names}, hardly known: explains {closes:.2f}, {closed:.2f} before")
     if closed - closes < fit.plan.least_part or closes >= thresholds.enough_jointly:
         return found
     return replace(found, conclusion=replace(found.conclusion, verdict="partly"))
@@ -75,12 +75,12 @@ def partly_where_another_acts(judgement: Judgement, fit: JointFit, thresholds: D
     if gap.closure_value(squares) >= thresholds.enough_jointly:
         return judgement
     if judgement.selected.at_bound:
-        note = "a number of the answer ends at its range: another cause may act in place of its effect"
+        note = "a fitted number is at the end of its range: another cause may act in its place"
     elif fit.in_parts and (left := fit.share_and_rest(judgement.selected)[1]) > thresholds.most_left_named:
         noise = f"{np.sqrt(left):.0f} times as far from the logs as noise explains"
-        note = f"short pieces stay {noise}: another cause acts as well, or a number is off"
+        note = f"short segments stay {noise}: another cause acts as well, or a number is off"
     elif fit.in_parts and (names := hardly_known(judgement, thresholds)):
-        note = f"much is left, and the number of {names} is less known than one that acts: another cause may act"
+        note = f"much of the gap is unexplained and {names} is poorly determined: another cause may act"
     else:
         return judgement
     fit.notes.append(note)

@@ -65,7 +65,7 @@ def candidate_squares(
 
 
 def horizon_gap(horizon_s: float | None, motions: Sequence[Motion], judged: JudgedLogs) -> HorizonGap:
-    """The gap of replays at a horizon, beside that of a robot that stays as it was."""
+    """The gap of replays at a horizon, beside that of a robot that does not move."""
     errors = [scaled_error(motion, judged, log) for log, motion in enumerate(motions)]
     return HorizonGap(horizon_s, gap_of(errors), gap_of(unmoved_errors(judged, horizon_s)))
 
@@ -89,7 +89,7 @@ def folds_of(logs: int, folds: int) -> np.ndarray:
     """Which fold each log is held out with, (logs,)."""
     if logs < 2:
         expected = "two or more: a cause is judged on logs it was not fitted on"
-        raise InputError("diagnose.logs", f"{logs} log", expected, "log another motion")
+        raise InputError("logs", f"{logs} log", expected, "log another motion")
     return np.arange(logs) % min(folds, logs)
 
 

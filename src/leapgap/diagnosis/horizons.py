@@ -16,7 +16,7 @@ from leapgap.diagnosis.restarts import restarts
 HORIZONS_S = (0.1, 0.3, 1.0)
 """Horizons at which errors are told, beside whole logs."""
 INFORMATIVE = 0.5
-"""A replay is informative while its error is below this share of that of a robot that stays as it was."""
+"""A replay is informative while its error is below this share of that of a robot that does not move."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class HorizonGap:
     """None: whole logs."""
     nominal: float
     unmoved: float
-    """That of a robot that stays as it was at each start."""
+    """That of a robot that does not move at each start."""
 
     @property
     def is_informative(self) -> bool:
@@ -52,7 +52,7 @@ def gap_of(errors: Sequence[np.ndarray]) -> float:
 
 
 def unmoved_errors(judged: JudgedLogs, horizon_s: float | None) -> list[np.ndarray]:
-    """Scaled errors (rows, channels) of each log for a robot that stays as it was at each start."""
+    """Scaled errors (rows, channels) of each log for a robot that does not move at each start."""
     found = []
     for log, motion in zip(judged.logs, judged.motions, strict=True):
         rows = len(log) if horizon_s is None else log.info.rows(horizon_s)

@@ -45,7 +45,7 @@ class JointFitSettings:
     """Width of the joint fit, and when an effect is taken away."""
 
     first_steps: int = 4
-    """Steps of all effects to short pieces alone, which answer almost linearly."""
+    """Steps of all effects to short segments alone, which answer almost linearly."""
     all_steps: int = 4
     """Largest number of steps to whole logs and pieces of the effects that pieces leave."""
     steps: int = 6
@@ -69,8 +69,8 @@ class JointFitSettings:
     are surely nearer with it; and what a fit of all effects has found takes the place of what a search one by one has,
     where it is likelier by more and closes more."""
     clear_gain: float = 60.0
-    """A further cause that gained so much in short pieces is tried on whole logs even where noise explains their rest.
-    Errors in the simulation of the causes before it give gains of up to 50."""
+    """A further cause that gained so much in short segments is tried on whole logs even where noise explains their
+    rest. Errors in the simulation of the causes before it give gains of up to 50."""
     least_closure: float = 0.05
     """Smallest share of the headline gap of held-out logs that it must close beyond the causes found before."""
     least_sure: float = 0.9
@@ -80,7 +80,7 @@ class JointFitSettings:
         """Refuse numbers that mean nothing: a fit without a step has no derivatives."""
         for name in ("first_steps", "all_steps", "steps", "most_causes"):
             if getattr(self, name) < 1:
-                where = f"diagnose.settings.joint.{name}"
+                where = f"settings.joint.{name}"
                 raise InputError(where, f"{getattr(self, name)}", "1 or more", "correct it")
 
 
@@ -152,8 +152,8 @@ class JointFit:
         short_gap = self.heldout_gap.by_short_steps
         usual_ms, short_ms = (1e3 * gap.replayer.largest_step_s for gap in (self.heldout_gap, short_gap))
         note = (
-            f"steps of the simulation of {short_ms:.2g} ms explain these logs better than those of "
-            f"{usual_ms:.2g} ms, whose error looks like damping and lag; causes were chosen by the short steps"
+            f"a time step of {short_ms:.2g} ms explains these logs better than {usual_ms:.2g} ms, whose error looks "
+            "like damping and lag; causes were chosen with the short step"
         )
         if note not in self.notes:
             self.notes.append(note)

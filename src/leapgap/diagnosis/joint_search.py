@@ -91,7 +91,7 @@ class JointSearch:
         numbers = np.concatenate([fit.split()[k] for k in kept])
         again = self.joint.fit(hypotheses, numbers, self.joint.plan.steps)
         closes = self.joint.closes(again)
-        self.joint.progress(f"jointly, {in_words(again)}: closes {closes:.2f}, loss {again.loss:.0f}")
+        self.joint.progress(f"jointly, {in_words(again)}: explains {closes:.2f}, loss {again.loss:.0f}")
         return again
 
     def without_idle(
@@ -189,7 +189,7 @@ class SearchBesideClock(JointSearch):
         near = part(
             near, self.without_idle(near, self.losses_without, self.joint.plan.least_sign, among=self.told_by(near))
         )
-        self.joint.progress(f"by short pieces, {in_words(near)}")
+        self.joint.progress(f"by short segments, {in_words(near)}")
         return self.joint.fit(near.hypotheses, near.numbers, self.joint.plan.all_steps)
 
     def told_by(self, fit: FullRolloutFit) -> list[int]:
@@ -229,7 +229,7 @@ class SearchInParts(JointSearch):
         if len(lasting := self.lasting(fit)) < len(fit.hypotheses):
             own = part(fit, lasting)
             fit = self.joint.fit(own.hypotheses, own.numbers, self.joint.plan.steps)
-        self.joint.progress(f"all effects, {in_words(fit)}: closes {self.joint.closes(fit):.2f}")
+        self.joint.progress(f"all effects, {in_words(fit)}: explains {self.joint.closes(fit):.2f}")
         return fit
 
     def from_afar(self, fit: FullRolloutFit) -> np.ndarray | None:
@@ -274,7 +274,7 @@ class SearchInParts(JointSearch):
             lost, left = self.joint.closes(fit) - self.joint.closes(again), 1 - self.joint.closes(fit)
             by_noise = gap.gap(again.heldout) <= none_gap * gap.gap(gap.floor)
             share = (again.loss - fit.loss) / (self.joint.nominal_loss - fit.loss)
-            self.joint.progress(f"without {fit.names[k]}: closes {lost:.2f} less, {share:.0%} of the likelihood's rise")
+            self.joint.progress(f"without {fit.names[k]}: explains {lost:.2f} less, {share:.0%} of the likelihood")
             small = lost < plan.least_part and share < plan.least_share and (lost <= left or by_noise)
             at_end = fit.hypotheses[k].at_bound(fit.split()[k])
             if small and (at_end or not self.surely_helps(fit, again)):
@@ -372,7 +372,7 @@ class SearchInParts(JointSearch):
         if len(self.lasting(again)) < len(again.hypotheses):
             return None
         closes = self.joint.closes(again)
-        self.joint.progress(f"{wide[other].label} for {name}: loss {again.loss:.0f}, closes {closes:.2f}")
+        self.joint.progress(f"{wide[other].label} for {name}: loss {again.loss:.0f}, explains {closes:.2f}")
         return again
 
     def without_opposites(self, fit: FullRolloutFit) -> FullRolloutFit:

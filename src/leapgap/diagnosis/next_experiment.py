@@ -183,9 +183,9 @@ def best_for_all_truths(
 
 def none_tells(names: Sequence[str], number: int, hidden: int) -> str:
     """The sentence where none of a number of experiments is proposed; whole logs hide the answer in ``hidden``."""
-    but = f"; {hidden} would by short pieces, but whole logs of such motions hide the answer" if hidden else ""
+    but = f"; {hidden} would in short segments, but whole logs of such motions hide the cause" if hidden else ""
     return (
-        f"{same_trace(names)}none of {number} experiments that were simulated tells them apart beyond noise and the "
+        f"{same_trace(names)}none of {number} simulated experiments separates them beyond noise and the "
         f"tolerances of the model{but}."
     )
 

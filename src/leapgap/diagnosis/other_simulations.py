@@ -86,7 +86,7 @@ class Change:
     settings: Mapping[str, Any]
 
 
-SHORT_STEPS = "steps of a quarter of the length"
+SHORT_STEPS = "a quarter of the time step"
 INTEGRATORS = (Change("Euler's integrator", {"integrator": int(INTEGRATOR.mjINT_EULER)}),)
 """Tried by steps of the usual length, at which integrators differ most."""
 FINE_INTEGRATORS = (Change("the discrete integrator", {"integrator": int(INTEGRATOR.mjINT_DISCRETE)}),)

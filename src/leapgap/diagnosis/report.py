@@ -31,6 +31,11 @@ class ParameterEstimate:
     """Whether the fit ended at a limit of the range; then its value is not reliable."""
 
     @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval, ``ci95``."""
+        return self.ci95
+
+    @property
     def unconstrained(self) -> bool:
         """Whether the interval holds the nominal value, so that the logs do not determine this parameter."""
         return self.ci95[0] <= self.nominal <= self.ci95[1]
@@ -84,7 +89,7 @@ class HorizonError:
     corrected: float
     """On held-out logs."""
     unmoved: float
-    """That of a robot that stays as it was at each start."""
+    """That of a robot that does not move at each start."""
 
 
 @dataclass(frozen=True)

@@ -73,7 +73,7 @@ class SearchSettings:
         """Refuse a search that tries nothing."""
         for name in ("shortlist", "per_effect", "steps", "promising", "beams", "most_causes"):
             if getattr(self, name) < 1:
-                raise InputError(f"diagnose.settings.plan.{name}", f"{getattr(self, name)}", "1 or more", "correct it")
+                raise InputError(f"settings.plan.{name}", f"{getattr(self, name)}", "1 or more", "correct it")
 
 
 def find_causes(

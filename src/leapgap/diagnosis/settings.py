@@ -70,7 +70,7 @@ class Settings:
     joint: JointFitSettings = field(default_factory=JointFitSettings)
     """Settings of the fit of all effects together, used where a search one by one leaves much of the gap."""
     outside: OutsideForceSettings = field(default_factory=OutsideForceSettings)
-    """Settings of the search for forces from outside; rows in which they act are left out."""
+    """Settings of the search for external forces; samples in which they act are left out."""
     best: bool = True
     """Whether all effects are fitted together for the best simulator, beside the answer."""
     rows_threshold: float = 0.15
@@ -129,4 +129,4 @@ class Settings:
 
 def wrong_setting(name: str, value: float | str, expected: str) -> InputError:
     """The refusal of a setting of a diagnosis."""
-    return InputError(f"diagnose.settings.{name}", f"{value}", expected, "correct it")
+    return InputError(f"settings.{name}", f"{value}", expected, "correct it")

@@ -224,9 +224,7 @@ class ShortRollouts:
         rows = thin_evenly([np.arange(0, len(log) - a[-1], a[-1]) for log, a in zip(logs, ages, strict=True)], most)
         if not any(map(len, rows)):
             longest = max(len(log) * log.info.sample_period_s for log in logs)
-            raise InputError(
-                "diagnose.logs", f"{longest:g} s at most", f"more than {horizon_s:g} s", "log longer motions"
-            )
+            raise InputError("logs", f"{longest:g} s at most", f"more than {horizon_s:g} s", "log longer motions")
         pieces = [Pieces.of(of, own.tolist(), a, state) for of, own, a in zip(states, rows, ages, strict=True)]
         return ShortRollouts(state, replayer, tuple(pieces), ())
 

@@ -69,7 +69,7 @@ def profiles_of(result: SearchResult) -> list[Profile]:
     profiles = []
     for profile in result.profiles:
         h, parameter = profile.hypothesis, profile.hypothesis.parameters[0]
-        label = f"{parameter.name} ({parameter.unit})" if h.per_log is None else "share of the clocks' own estimate"
+        label = f"{parameter.name} ({parameter.unit})" if h.per_log is None else "share of the estimated sample period"
         profiles.append(Profile(h.label, label, tuple(profile.values.tolist()), tuple(profile.loss.tolist())))
     return profiles
 
@@ -82,36 +82,36 @@ def sentence(
     if conclusion.other_simulation:
         words, gap = conclusion.other_simulation.words, conclusion.other_simulation.gap
         return (
-            f"Nothing is wrong with the robot by these {len(logs)} logs: the gap of {brief(nominal)} comes from the "
-            f"simulation, and is {brief(gap)} by {listed(words)} alone."
+            f"These {len(logs)} logs show no fault of the robot: the gap of {brief(nominal)} comes from the settings "
+            f"of the simulation, and is {brief(gap)} with {listed(words)} alone."
         )
     if verdict == "none":
         return (
-            f"The simulation agrees with the {len(logs)} logs within sensor noise and the tolerances of the "
-            f"model (gap {brief(nominal)})."
+            f"The simulation agrees with the {len(logs)} logs within sensor noise and model tolerances "
+            f"(gap {brief(nominal)})."
         )
     if not answer:
         return (
-            f"A gap of {brief(nominal)} remains that no known effect explains on logs it was not fitted on; the map "
-            "of the report says where it lies."
+            f"No known effect explains the gap of {brief(nominal)} on held-out logs; the report shows where the error "
+            "arises."
         )
     parts = [
         f"{effects.describe(h.kind)} ({describe_estimate(h, numbers, logs)})"
-        + (f", which cannot be told apart from {' and '.join(names[1:])}," if names[1:] else "")
+        + (f", which cannot be separated from {' and '.join(names[1:])}," if names[1:] else "")
         for h, numbers, names in zip(selected.hypotheses, selected.split(), answer, strict=True)
     ]
     if len(parts) > MOST_SAID:
         parts = [*parts[: MOST_SAID - 1], f"{len(parts) - MOST_SAID + 1} further causes"]
     if closes.value < NOTICEABLE:
         return (
-            f"{listed(parts)} show{'' if len(parts) > 1 else 's'} in replays of short pieces, too small to "
-            f"shrink the gap of whole logs, which stays {brief(nominal)}."
+            f"{listed(parts)} show{'' if len(parts) > 1 else 's'} in replays of short segments, but too weakly to "
+            f"reduce the gap of whole logs, which remains {brief(nominal)}."
         )
-    left = "has another cause" if verdict == "partly" else "stays"
+    left = "is unexplained" if verdict == "partly" else "remains"
     rest = f"; {100 * (1 - closes.value):.0f} % of the gap {left}" if closes.value < 0.9 else ""
     return (
-        f"{listed(parts)} explain{'' if len(parts) > 1 else 's'} {share_in_words(closes)} on logs not "
-        f"fitted on: it shrinks from {brief(nominal)} to {brief(corrected.gap)}{rest}."
+        f"{listed(parts)} explain{'' if len(parts) > 1 else 's'} {share_in_words(closes)} on held-out logs: "
+        f"it falls from {brief(nominal)} to {brief(corrected.gap)}{rest}."
     )
 
 
@@ -136,13 +136,13 @@ def share_in_words(closes: Interval) -> str:
 
 
 def describe_estimate(hypothesis: Hypothesis, numbers: np.ndarray, logs: Sequence[str]) -> str:
-    """``joint_damping at RR: damping 0.4``; the median and range where values differ by log."""
+    """``joint_damping at RR: damping 0.4 N·m·s/rad``; the median and range where values differ by log."""
     of_logs = [hypothesis.values(log, numbers) for log in logs]
-    sizes = []
+    units, sizes = {p.name: f" {p.unit}" for p in hypothesis.effect_parameters if p.unit != "1"}, []
     for name in of_logs[0]:
         values = [of[name] for of in of_logs]
         by_log = f", {min(values):.3g} to {max(values):.3g} by log" if hypothesis.per_log else ""
-        sizes.append(f"{name} {np.median(values):.3g}{by_log}")
+        sizes.append(f"{name} {np.median(values):.3g}{units.get(name, '')}{by_log}")
     return f"{hypothesis.label}: {', '.join(sizes)}"
 
 

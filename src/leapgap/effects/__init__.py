@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import Any
 
 from leapgap.effects.base import Effect
-from leapgap.errors import InputError
+from leapgap.errors import InputError, did_you_mean
 from leapgap.registry import classes_by_name
 from leapgap.robot.model_file import LARGEST
 
@@ -99,7 +99,7 @@ def check_class(kind: Any) -> None:
 
 
 def describe(kind: type[Effect]) -> str:
-    """Short description of an effect: ``viscous friction of the gears``.
+    """Short description of an effect: ``viscous friction``.
 
     It is the first line of its module's docstring where the module is of this package, else of its class's docstring.
     """
@@ -118,14 +118,16 @@ def effect(name: str, location: str = "all", **values: float) -> Effect:
 def effect_among(kinds: Registry, name: str, location: str, values: Mapping[str, float]) -> Effect:
     """An effect by name among the given classes; errors as in ``effect``."""
     if not isinstance(name, str) or name not in kinds:
-        raise InputError("effect", str(name), f"one of {', '.join(kinds)}", "choose a known effect")
+        do = did_you_mean(str(name), kinds) or "choose a known effect: leapgap effects"
+        raise InputError("effect", str(name), f"one of {', '.join(kinds)}", do)
     if not isinstance(location, str):
         raise InputError("location", repr(location), "the name of a place", "correct it")
     kind = kinds[name]
     declarations = kind.declarations()
     for key, value in values.items():
         if key not in declarations:
-            raise InputError(f"effect {name}", f"parameter {key}", f"one of {', '.join(declarations)}", "correct it")
+            do = did_you_mean(key, declarations) or "correct it"
+            raise InputError(f"effect {name}", f"parameter {key}", f"one of {', '.join(declarations)}", do)
         if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) <= LARGEST:
             expected = f"a number up to {LARGEST:g} {declarations[key].unit}"
             raise InputError(f"effect {name}, {key}", repr(value), expected, "choose a physical value")

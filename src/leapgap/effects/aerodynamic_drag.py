@@ -1,4 +1,4 @@
-"""Air that brakes the trunk."""
+"""Aerodynamic drag on the trunk."""
 
 from collections.abc import Hashable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Inertia of rotors and gears, seen at the joint."""
+"""Reflected rotor inertia."""
 
 from dataclasses import dataclass
 from math import inf

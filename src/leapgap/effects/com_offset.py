@@ -1,4 +1,4 @@
-"""A trunk whose centre of mass is elsewhere than the model has it."""
+"""Centre-of-mass offset of the trunk."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Commands that reach the joints late."""
+"""Command latency."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Commands that are sent late within a row, since the process that writes the log computes them first."""
+"""Controller computation time."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Feet or ground that take more or less energy out of a contact than believed, as stiff as before."""
+"""Contact damping of feet and ground."""
 
 from dataclasses import dataclass
 from math import inf

@@ -1,4 +1,4 @@
-"""Commands that get lost on the way, so that the joints keep the last one that arrived."""
+"""Lost command packets."""
 
 from dataclasses import dataclass
 

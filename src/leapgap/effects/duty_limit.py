@@ -1,4 +1,4 @@
-"""Motors whose largest torque falls with their speed, where nobody states their constants."""
+"""Torque-speed limit (duty cycle)."""
 
 from dataclasses import dataclass, replace
 from math import inf

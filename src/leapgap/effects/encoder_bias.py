@@ -1,4 +1,4 @@
-"""Joint angles that are reported wrong by a constant: a zero that was set badly."""
+"""Encoder bias."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""Feet or ground softer or stiffer than believed."""
+"""Contact stiffness of feet and ground."""
 
 from dataclasses import dataclass
 from math import inf

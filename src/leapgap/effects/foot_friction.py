@@ -1,4 +1,4 @@
-"""Ground more or less slippery than believed."""
+"""Foot-ground friction coefficient."""
 
 from dataclasses import dataclass
 from math import inf

@@ -1,4 +1,4 @@
-"""A measuring frame that leans: cameras of a motion capture that were levelled on a crooked floor."""
+"""Tilt of the measuring frame (motion capture)."""
 
 from dataclasses import dataclass, replace
 

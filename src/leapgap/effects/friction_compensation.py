@@ -1,4 +1,4 @@
-"""A torque along the motion that the log does not hold: a controller that makes up for friction."""
+"""Friction compensation missing from the log."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace

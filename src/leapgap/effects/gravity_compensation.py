@@ -1,4 +1,4 @@
-"""Drives that carry the weight of the robot's links by themselves, beside what they are told."""
+"""Gravity compensation missing from the log."""
 
 from collections.abc import Hashable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ LEAST = 1e-12
 
 @dataclass(frozen=True)
 class GravityCompensation(Effect):
-    """Share of the weight of the links that the located joints move which the drive makes up for, at all joints.
+    """Share of the weight of the links that the located joints move that the drive compensates, at all joints.
 
     MuJoCo's ``gravcomp``: the drive adds the torque that holds these weights, by the model, to what it is told, and its
     limit is that of the sum. It is added to what the model states, and may take that away. Links beyond a passive

@@ -1,4 +1,4 @@
-"""Gravity that does not point along the model's vertical: an arm on a leaning mount, a model with its base turned."""
+"""Tilt of gravity against the model's vertical."""
 
 from dataclasses import dataclass
 

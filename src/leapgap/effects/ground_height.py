@@ -1,4 +1,4 @@
-"""Ground that is higher under some feet than the log states."""
+"""Ground height under the feet."""
 
 from collections.abc import Hashable
 from dataclasses import dataclass

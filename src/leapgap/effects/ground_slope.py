@@ -1,4 +1,4 @@
-"""A floor that is not level."""
+"""Ground slope."""
 
 from dataclasses import dataclass
 

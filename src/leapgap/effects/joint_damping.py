@@ -1,4 +1,4 @@
-"""Viscous friction of the gears."""
+"""Viscous friction."""
 
 from dataclasses import dataclass
 from math import inf

@@ -1,4 +1,4 @@
-"""Gears and belts that give: a spring between motor and joint."""
+"""Joint elasticity."""
 
 from dataclasses import dataclass, replace
 from math import inf

@@ -1,4 +1,4 @@
-"""Dry (Coulomb) friction of the gears."""
+"""Joint Coulomb friction."""
 
 from dataclasses import dataclass
 from math import inf

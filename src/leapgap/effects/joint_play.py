@@ -1,4 +1,4 @@
-"""Play in the gears (backlash): the motor turns freely within it before its teeth push the joint."""
+"""Backlash."""
 
 from dataclasses import dataclass
 from math import inf

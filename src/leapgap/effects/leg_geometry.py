@@ -1,4 +1,4 @@
-"""Legs of other lengths, fixed elsewhere to the base, than the model has them."""
+"""Leg geometry error."""
 
 from dataclasses import dataclass
 

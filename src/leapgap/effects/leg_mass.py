@@ -1,4 +1,4 @@
-"""Links heavier or lighter than the model has them."""
+"""Link mass error."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Links whose centre of mass is nearer to their joint or farther from it than the model has it."""
+"""Centre-of-mass offset of the links."""
 
 from dataclasses import dataclass, replace
 from math import inf

@@ -1,4 +1,4 @@
-"""Links that turn harder or easier than the model's."""
+"""Rotational inertia of the links."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Mass at a link that the model does not have: a tool, a camera, a gearbox that was left out."""
+"""Payload at a link."""
 
 from dataclasses import dataclass, replace
 from math import inf

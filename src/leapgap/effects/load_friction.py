@@ -1,4 +1,4 @@
-"""Friction of gears under load: a share of the torque that a joint carries."""
+"""Load-dependent friction."""
 
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass

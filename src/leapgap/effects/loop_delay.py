@@ -1,4 +1,4 @@
-"""A joint PD that runs off board: what it measures and what it commands are both late."""
+"""Latency of the feedback loop."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""Motors whose torque follows the command late."""
+"""Motor lag (first order)."""
 
 from collections.abc import Hashable
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""A simulation whose own steps move the robot: another length of them, or none, moves it as the log says."""
+"""Integration error of the simulator."""
 
 from dataclasses import dataclass, replace
 from math import inf

@@ -1,4 +1,4 @@
-"""Mass at the trunk that the model does not have: a battery, a sensor, a heavier shell."""
+"""Payload at the trunk."""
 
 from dataclasses import dataclass, replace
 from math import inf

@@ -1,4 +1,4 @@
-"""Joint PDs that are stiffer or softer than the gain that was sent: gains in units of the drive, or set in it."""
+"""Position gain (kp) of the joint PD."""
 
 from dataclasses import dataclass
 from math import inf

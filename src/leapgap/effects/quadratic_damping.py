@@ -1,4 +1,4 @@
-"""Friction that grows with the square of a joint's speed: churned oil, air against the link."""
+"""Quadratic friction."""
 
 from dataclasses import dataclass
 from math import inf

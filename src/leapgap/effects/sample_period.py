@@ -1,4 +1,4 @@
-"""A control loop that runs slower or faster than its log claims."""
+"""Sample period error."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""Drives that smooth their set points before the joint PD sees them."""
+"""Low-pass filter on the set points."""
 
 from dataclasses import dataclass, replace
 

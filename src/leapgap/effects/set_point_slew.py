@@ -1,4 +1,4 @@
-"""Drives that let their set point move no faster than a limit, as servos with a profile velocity do."""
+"""Rate limit on the set points."""
 
 from dataclasses import dataclass, replace
 from math import inf

@@ -1,4 +1,4 @@
-"""A base state that is reported late; the joints are reported at once."""
+"""Latency of the base state estimate."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Friction that holds a joint at rest harder than it brakes it in motion (Stribeck's curve)."""
+"""Static friction (stiction)."""
 
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A supply whose voltage falls under load, so that motors which set a duty cycle give less when many work."""
+"""Supply voltage sag under load."""
 
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass

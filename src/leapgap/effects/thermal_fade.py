@@ -1,4 +1,4 @@
-"""Motors that lose torque as they heat."""
+"""Torque loss as motors heat."""
 
 from collections.abc import Hashable
 from dataclasses import dataclass, replace

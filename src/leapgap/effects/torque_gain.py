@@ -1,4 +1,4 @@
-"""Motors that deliver another torque than they were told."""
+"""Motor torque gain."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Motors whose largest torque is not the one that the model states."""
+"""Motor torque limit."""
 
 from dataclasses import dataclass
 from math import inf

@@ -1,4 +1,4 @@
-"""A torque that a motor delivers beside the one it is told: a current sensor with an offset, a preloaded gear."""
+"""Constant motor torque offset."""
 
 from dataclasses import dataclass, replace
 from math import inf

@@ -1,4 +1,4 @@
-"""Motors that run out of voltage: less torque the faster they turn."""
+"""Voltage limit of the motors."""
 
 from dataclasses import dataclass, replace
 from math import ceil, inf
@@ -68,6 +68,6 @@ def stated_motors(robot: Robot) -> MotorConstants:
             robot.path,
             "no constants of the motors",
             f"the custom numbers {RESISTANCE} and {TOP_SPEED}",
-            "add them to the model file (docs/formats.md), or leave torque_speed_limit out",
+            "add them to the model file (docs/reference/log_format.md), or leave torque_speed_limit out",
         )
     return robot.motors

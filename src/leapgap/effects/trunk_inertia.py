@@ -1,4 +1,4 @@
-"""A trunk that turns harder or easier than the model's."""
+"""Rotational inertia of the trunk."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Joint PDs that feed back a filtered velocity."""
+"""Low-pass filter on the velocity feedback."""
 
 from collections.abc import Hashable
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Joint PDs that damp more or less than the gain that was sent: gains in units of the drive, or set in it."""
+"""Velocity gain (kd) of the joint PD."""
 
 from dataclasses import dataclass
 from math import inf

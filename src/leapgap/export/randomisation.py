@@ -51,8 +51,8 @@ class Samples(Export):
 
     name = SAMPLES
     says = (
-        f"{DRAWN} robots drawn together from what the logs leave open (`numpy.load`): a row a robot, a column a joint, "
-        "body or foot"
+        f"{DRAWN} robots drawn together from what the logs leave undetermined (`numpy.load`): a row a robot, "
+        "a column a joint, body or foot"
     )
 
     def write(self, folder: Path, corrected: CorrectedRobot) -> None:

@@ -118,5 +118,6 @@ def target_of(jump: Log) -> Target:
 def stated(jump: Log, key: str) -> dict[str, float]:
     """One part of a jump's metadata."""
     if key not in jump.info.extra:
-        raise InputError(jump.name, f"no {key} in its metadata", "the log of a jump (docs/formats.md)", "state it")
+        expected = "the log of a jump (docs/reference/log_format.md)"
+        raise InputError(jump.name, f"no {key} in its metadata", expected, "state it")
     return dict(jump.info.extra[key])

@@ -1,7 +1,7 @@
 """The log: commands and measurements of one run, from hardware or simulation, as one Parquet file.
 
-Columns, units and metadata are the contract of ``docs/formats.md``. A planned reference is stored in the same
-form (its planned motion in the measured columns), so the same code reads both.
+Columns, units and metadata are the contract of ``docs/reference/log_format.md``. A planned reference is stored in the
+same form (its planned motion in the measured columns), so the same code reads both.
 """
 
 import json
@@ -101,7 +101,7 @@ class LogInfo:
             raise InputError(
                 where,
                 f"metadata that do not fit ({error!r})",
-                "the log's metadata (docs/formats.md)",
+                "the log's metadata (docs/reference/log_format.md)",
                 "import the log anew",
             ) from None
 

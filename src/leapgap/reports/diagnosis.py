@@ -144,13 +144,19 @@ class Report:
         lines += [cause_in_words(cause) for cause in self.causes[:CAUSES_PRINTED]]
         if content.best_simulator:
             lines.append(f"best simulator: {content.best_simulator.in_words}")
-        lines += [f"from outside: {one.in_words}" for one in content.outside_forces]
+        lines += [f"external force: {one.in_words}" for one in content.outside_forces]
         lines += [f"check {check.name}: {check.says}" for check in content.checks if not check.passed]
         lines += [f"left out {name}: {reason}" for name, reason in content.set_aside.items()]
         lines += [f"note: {note}" for note in content.notes]
         if content.not_judged:
             lines.append(f"not judged: {'; '.join(content.not_judged)}")
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows of the report."""
+        from leapgap.reports.notebook import summary_html
+
+        return summary_html(self.content, self.causes[:CAUSES_PRINTED], len(self.logs))
 
     def save(self, folder: Path | str, viewer: str = LIGHT) -> Path:
         """Write report, page, corrected robot, best simulator and, where Rerun is installed, a recording; the folder.
@@ -189,7 +195,8 @@ class Report:
         """Write the page into a folder that has the data."""
         from leapgap.reports.report import html
 
-        check_viewer(viewer)
+        if viewer not in VIEWERS:
+            raise InputError("viewer", viewer, f"one of {', '.join(VIEWERS)}", "choose one of them")
         inside = self.embedded() if viewer == EMBEDDED else None
         replays, replayable = (self.nominal, self.corrected), (folder / CORRECTED / NOMINAL).is_file()
         write_text(folder / PAGE, html(self.content, self.logs, self.robot, *replays, inside, replayable, picture))
@@ -201,7 +208,7 @@ class Report:
         viewer_folder()  # says what is missing before anything is recorded
         if self.record is None:
             expected = "a page with the viewer inside needs Rerun, which writes its recording"
-            raise InputError("report.viewer", "no Rerun", expected, "pip install 'leapgap[view]'")
+            raise InputError("viewer", "no Rerun", expected, "pip install 'leapgap[view]'")
         with TemporaryDirectory() as folder:
             self.record(self, Path(folder) / RECORDING)
             return embedded_viewer((Path(folder) / RECORDING).read_bytes())
@@ -217,17 +224,17 @@ def largest_errors(where: Sequence[Place]) -> list[str]:
     from leapgap.reports.channel_names import channel_words
 
     parts = [f"{channel_words(one.channel)}, {one.phase} {100 * one.share:.0f} %" for one in where[:PLACES_PRINTED]]
-    return [f"errors lie in: {'; '.join(parts)}"] if parts else []
+    return [f"largest errors: {'; '.join(parts)}"] if parts else []
 
 
 def cause_in_words(cause: Cause) -> str:
-    """``  joint_damping at elbow: damping 0.399 N·m·s/rad (0.376 to 0.423), closes 97 %, probability 1.00``."""
+    """``  joint_damping at elbow: damping 0.399 N·m·s/rad (0.376 to 0.423), explains 97 %, probability 1.00``."""
     place = "" if cause.location == "all" else f" at {cause.location}"
     numbers = ", ".join(
         f"{name} {one.value:.3g}{'' if one.unit == '1' else f' {one.unit}'} ({one.ci95[0]:.3g} to {one.ci95[1]:.3g})"
         for name, one in cause.parameters.items()
     )
-    closes = f"closes {100 * cause.closure.value:.0f} %, probability {cause.probability:.2f}"
+    closes = f"explains {100 * cause.closure.value:.0f} %, probability {cause.probability:.2f}"
     return f"  {cause.effect}{place}: {numbers}, {closes}"
 
 

@@ -66,7 +66,7 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
 
 
 def horizons(report: ReportContent) -> go.Figure:
-    """The headline gap against the length of the replays: nominal, corrected, and a robot that stays as it was."""
+    """The headline gap against the length of the replays: nominal, corrected, and a robot that does not move."""
     import plotly.graph_objects as go
 
     ordered = sorted(report.horizons, key=lambda at: at.horizon_s or math.inf)
@@ -74,7 +74,7 @@ def horizons(report: ReportContent) -> go.Figure:
     curves = [("nominal", NOMINAL, "solid", [at.nominal for at in ordered])]
     if report.answer:
         curves.append(("corrected", CORRECTED, "solid", [at.corrected for at in ordered]))
-    curves.append(("stays as it was", GREY, "dot", [at.unmoved for at in ordered]))
+    curves.append(("does not move", GREY, "dot", [at.unmoved for at in ordered]))
     figure = go.Figure()
     for name, colour, dash, values in curves:
         line = {"color": colour, "width": 2, "dash": dash}

@@ -31,5 +31,5 @@ def when_looked_for(kind: type[Effect], robot: Robot | None) -> str:
     if kind.by_default:
         return ""
     together = robot is not None and not robot.has_free_base and (kind.in_joint_fit or kind.beside_joint_fit)
-    also = ", or where several act" if together else ", or in logs of uneven rows" if kind.beside_clock else ""
-    return f" (looked for if named{also})"
+    also = ", or with several causes" if together else ", or with uneven time stamps" if kind.beside_clock else ""
+    return f" (searched if named{also})"

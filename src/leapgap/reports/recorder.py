@@ -37,7 +37,7 @@ def recording(path: Path, title: str, blueprint: rrb.Blueprint) -> Iterator[Reco
     together keep their own cameras and plots.
     """
     with whole_file(path) as beside:
-        stream = rr.RecordingStream(f"leapgap {title}")
+        stream = rr.RecordingStream(f"leapgap {title}".replace(".", "-"))  # Rerun warns of names with a dot
         try:
             stream.save(beside, default_blueprint=blueprint)
             stream.send_recording_name(title)

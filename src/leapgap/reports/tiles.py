@@ -37,7 +37,7 @@ def tiles(
         unit = "rad" if channel in BASE_TURNS else unit_of(channel)
         factor = math.degrees(1) if unit in ANGLES else 1.0
         own = [factor * rms(logs, replays, channel) for replays in (nominal, corrected)]
-        says = f"{channel_words(channel)}, rms error{', corrected on logs not fitted on' if answered else ''}"
+        says = f"{channel_words(channel)}, rms error{', corrected on held-out logs' if answered else ''}"
         found.append(Tile(brief(own[0]), brief(own[1]) if answered else "", ANGLES.get(unit, unit), says))
     if report.closure_of_answer is not None and answered:
         closed = report.closure_of_answer.capped_at_one
@@ -45,7 +45,7 @@ def tiles(
         found.append(Tile(share, "", "%", f"of the gap explained (95 %: {low} to {high} %)"))
     if report.landing_misplaced_m:
         off = [report.landing_off_cm(of) or 0.0 for of in ("nominal", "corrected")]
-        says = "off in base x at the end of what is judged, mean over logs"
+        says = "error in base x at the last judged sample, mean over logs"
         found.append(Tile(f"{off[0]:.1f}", f"{off[1]:.1f}" if answered else "", "cm", says))
     gap = brief(report.gap_corrected) if answered else ""
     says = f"gap: error over channel size, rms of all channels (sensor noise alone: {brief(report.noise_floor)})"

@@ -24,7 +24,7 @@ BARS = {
     "where_overlap": ("overlap of the map with the true one, above five noise floors", 0.80, ">="),
     "where_top_three": ("largest true share among the three largest of the map", None, ""),
     "pairs_both_named": ("both of a pair named", 0.85, ">="),
-    "triples_members_named": ("named, of the members of triples that show", 0.60, ">="),
+    "triples_members_named": ("named, of the detectable members of triples", 0.60, ">="),
     "parameter_error_median": ("median parameter error", 0.03, "<="),
     "coverage": ("95 % intervals that contain the truth (0.92 to 0.97)", 0.92, ">="),
     "closure_promise_error": ("mean |promised − realised closure|", 0.05, "<="),

@@ -55,12 +55,12 @@ def wanted() -> str:
     try:
         return version("rerun-sdk")
     except PackageNotFoundError:
-        raise InputError("report.viewer", "no rerun-sdk", "the extra view", "pip install 'leapgap[view]'") from None
+        raise InputError("viewer", "no rerun-sdk", "the extra view", "pip install 'leapgap[view]'") from None
 
 
 def how_to_install(needed: str) -> str:
     """What to do where the viewer of a version is missing."""
-    return f"pip install --no-deps rerun-notebook=={needed}, or report.viewer=light"
+    return f"pip install --no-deps rerun-notebook=={needed}, or choose the viewer light"
 
 
 def viewer_folder() -> Path:
@@ -68,8 +68,8 @@ def viewer_folder() -> Path:
     spec, needed = find_spec("rerun_notebook"), wanted()
     do = how_to_install(needed)
     if spec is None or spec.origin is None:
-        raise InputError("report.viewer", "embedded without the package rerun-notebook", f"version {needed} of it", do)
+        raise InputError("viewer", "embedded without the package rerun-notebook", f"version {needed} of it", do)
     there = version("rerun-notebook")
     if there != needed:
-        raise InputError("report.viewer", f"rerun-notebook {there}", f"version {needed}, as rerun-sdk", do)
+        raise InputError("viewer", f"rerun-notebook {there}", f"version {needed}, as rerun-sdk", do)
     return Path(spec.origin).parent / "static"

@@ -12,8 +12,8 @@ HOLDS = {
     PAGE: "the report to read in a browser",
     REPORT: "the same as data",
     RECORDING: "one log and its replays, for the Rerun viewer",
-    CORRECTED: "the robot with the identified causes",
-    BEST: "the robot with every number fitted: for replays, not for explanations",
+    CORRECTED: "the model with the identified causes",
+    BEST: "the model with every number fitted: for prediction, not for explanation",
 }
 """What each file and folder of a report holds."""
 

@@ -45,7 +45,7 @@ def write_mjcf(spec: mujoco.MjSpec, path: Path) -> None:
         resolve_defaults(spec)
         if write_and_compare(without_defaults(as_xml(spec, model, path.parent)), path, model):
             path.unlink()
-            found = f"a model that MuJoCo does not save as it is ({problem})"
+            found = f"a corrected model that MuJoCo would change when it writes it ({problem})"
             do = "give each attached model a prefix, or write the model as one file"
             raise InputError(path.name, found, "names that are unique in the whole model", do)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from leapgap.errors import InputError
+from leapgap.errors import InputError, did_you_mean
 
 FRONT, REAR = PAIRS = ("front", "rear")
 SEPARATORS = "_-./ "
@@ -87,7 +87,7 @@ class Topology:
             "location",
             location,
             f"one of {', '.join(known)}",
-            "name a place this robot has and the effect can act at",
+            did_you_mean(location, known) or "name a place this robot has and the effect can act at",
         )
 
 

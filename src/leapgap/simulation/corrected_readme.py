@@ -7,7 +7,7 @@ MODEL, NOMINAL, EFFECTS = "robot.xml", "nominal.xml", "effects.json"
 PARAMETERS, README = "parameters.json", "README.md"
 HOLDS = {
     MODEL: "the corrected robot as a plain MJCF, for any MuJoCo",
-    NOMINAL: "the robot as it was",
+    NOMINAL: "the nominal model",
     EFFECTS: "all effects to add to it, for leapgap",
     PARAMETERS: "every number, nominal and corrected",
     README: "where each effect is, with its numbers",

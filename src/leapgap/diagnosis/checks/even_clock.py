@@ -31,7 +31,7 @@ class EvenClock(Check):
         statistic = float(np.median(list(spread.values())))
         passed = statistic <= threshold
         low, high = (float(f([f(clock.values) for clock in clocks.values()])) for f in (min, max))
-        says = f"the true period of a row changes by {100 * statistic:.1f} % within a log (standard deviation)" + (
+        says = f"the true sample period changes by {100 * statistic:.1f} % within a log (standard deviation)" + (
             resolution_in_words(error, threshold) if passed else f", from {low:.2f} to {high:.2f} times the claimed one"
         )
         of_logs = {log.name: tuple(clocks[log.name].values.tolist()) if log.name in clocks else CLAIMED for log in logs}

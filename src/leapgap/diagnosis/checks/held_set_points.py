@@ -61,7 +61,7 @@ class HeldSetPoints(Check):
         if passed:
             told = size > SURE * error and missing < threshold
             says += (
-                ", and so they do in the robot" if told else "; the motion does not tell whether they do in the robot"
+                ", and so they do in the robot" if told else "; the motion does not show whether they do in the robot"
             )
             return CheckResult(self.name, True, min(max(missing, 0.0), threshold), threshold, says, of_logs)
         (ahead, measured), (behind, _) = (of.motions() for of in of_reads[1:])

@@ -42,7 +42,7 @@ class EvenRows(Check):
         }
         statistic = float(np.median(list(spread.values())))
         passed = statistic <= threshold
-        says = f"rows last equally long (their lengths scatter by {100 * statistic:.0f} %)"
+        says = f"samples are evenly spaced (spacing scatters by {100 * statistic:.0f} %)"
         means = {log.name: (float(known[log.name].instants[-1] / log.time[-1]),) for log in logs if log.name in known}
         return CheckResult(
             self.name,
@@ -66,7 +66,7 @@ def staleness(clock: RowClock) -> float:
 def in_words(clocks: Mapping[str, RowClock], statistic: float, stale: float) -> str:
     """What uneven rows show of the process that wrote them; ``stale`` as in ``staleness``."""
     every = list(clocks.values())
-    said = [f"rows of these logs are not evenly spaced: their lengths scatter by {100 * statistic:.0f} %"]
+    said = [f"samples of these logs are not evenly spaced: the spacing scatters by {100 * statistic:.0f} %"]
     if stale >= statistic:
         said = [
             f"rows of these logs do not show what was measured in them: ages scatter by {100 * stale:.0f} % of a row"

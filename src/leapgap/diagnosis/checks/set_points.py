@@ -51,7 +51,7 @@ class SetPoints(Check):
             for joint, ratio in ratios.items()
         ]
         found = float(len({*copies, *ratios}))
-        says = "; ".join(said) or "set points are no measurements, and go with their velocities"
+        says = "; ".join(said) or "set points are not measurements, and match their velocities"
         return CheckResult(self.name, found <= threshold, found, threshold, says, {log.name: found for log in logs})
 
 

@@ -70,11 +70,11 @@ class TorqueLimits(Check):
         per_log = {log.name: float(rows.any(axis=1).mean()) for log, rows in zip(logs, beyond, strict=True)}
         every = np.concatenate(beyond)
         if not every.any():
-            says = "no row asks for more torque than the model gives"
+            says = "no sample commands more torque than the model's limit"
             return CheckResult(self.name, True, 0.0, threshold, says, per_log)
         largest = np.max([np.abs(of_log).max(axis=0) for of_log in asked], axis=0)
         share, worst = every.mean(axis=0), np.argsort(-every.mean(axis=0), kind="stable")[:TOLD]
-        says = f"{100 * every.any(axis=1).mean():.2g} % of the rows ask for more torque than the model gives: "
+        says = f"{100 * every.any(axis=1).mean():.2g} % of the samples command more torque than the model's limit: "
         says += "; ".join(
             f"{joints[k]} {100 * share[k]:.2g} % of the rows, {largest[k]:.3g} of {limits[k]:.3g} N·m at most"
             for k in worst.tolist()
@@ -93,7 +93,7 @@ class TorqueLimits(Check):
             if delivered
             else f"; by {by} the robot did not deliver it ({100 * given:.0f} ± {100 * error:.0f} %)"
             if withheld
-            else f"; {by} does not tell whether the robot delivered it"
+            else f"; {by} does not show whether the robot delivered it"
         )
         return CheckResult(self.name, not delivered, max(0.0, given) if delivered else 0.0, threshold, says, per_log)
 

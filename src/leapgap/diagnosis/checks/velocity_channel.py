@@ -46,7 +46,7 @@ class VelocityChannel(Check):
         }
         if not bad:
             statistic = min(statistic, threshold)
-            says = "velocities of the joints are those of their positions, in time"
+            says = "joint velocities match the derivative of the positions, without delay"
             return CheckResult(self.name, True, statistic, threshold, f"{says}{ticks_in_words(joints)}", worst)
         says = f"{in_words(bad)}; the diagnosis goes on with velocities fitted through the positions of these joints"
         reads = partial(without, joints=tuple(bad))

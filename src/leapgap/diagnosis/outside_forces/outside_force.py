@@ -50,7 +50,8 @@ class OutsideForce:
     @property
     def explained(self) -> str:
         """What it is where the robot as corrected needs no such force."""
-        return f"{self.begin_s:.2f} to {self.end_s:.2f} s of {self.log}, left out as a push, which the answer explains"
+        when = f"{self.begin_s:.2f} to {self.end_s:.2f} s of {self.log}"
+        return f"{when}, left out as a push, although the identified causes explain it"
 
     def to_json(self) -> dict[str, Any]:
         """Its entry of ``report.json``."""

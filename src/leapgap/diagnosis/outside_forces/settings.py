@@ -8,7 +8,7 @@ class OutsideForceSettings:
     """Section ``diagnose.settings.outside`` of the configuration."""
 
     remove: bool = True
-    """Whether rows with a force from outside are left out of everything that is fitted and judged."""
+    """Whether samples with an external force are left out of everything that is fitted and judged."""
     least_size: float = 4.0
     """Smallest mean force of a moment, in standard deviations of what the model leaves over the same time."""
     least_share: float = 0.4
@@ -21,6 +21,6 @@ class OutsideForceSettings:
     least_size_alone: float = 8.0
     """As ``least_size``, beside all other states that no other log was near to, for a moment in such a state."""
     longest_s: float = 1.0
-    """A longer moment is an error of the model, not a force from outside."""
+    """A longer moment is an error of the model, not an external force."""
     least_part_s: float = 0.5
     """Shorter parts of a log between two forces are left out."""

@@ -53,7 +53,7 @@ def sentence_with(report: ReportContent, forces: Sequence[OutsideForce]) -> str:
     if report.verdict == "none":
         rest = f"without these moments the simulation agrees with the logs (gap {brief(report.gap_nominal)})."
     elif report.verdict == "unknown":
-        rest = f"without these moments a gap of {brief(report.gap_nominal)} remains that no known effect explains."
+        rest = f"without these moments a gap of {brief(report.gap_nominal)} remains, which no known effect explains."
     else:
         rest = f"without these moments, {report.sentence}"
     return f"{forces_in_words(forces)}; {rest}"

@@ -17,7 +17,7 @@ PROJECT = "leapgap"
 
 @dataclass
 class LoggerConfig:
-    """The section ``train.logger``: who is given the losses besides ``curves.csv``, and where it keeps them."""
+    """The section ``train.logger``: logger for training curves besides ``curves.csv``, and its folder."""
 
     name: str = "csv"
     """``csv`` for ``curves.csv`` alone, or one of ``LOGGERS``."""

@@ -148,7 +148,7 @@ BLIND_WORDS = {
     "unknown_recall": "of effects without a name, called unknown",
     "none_correct": "of robots without a gap, left unnamed",
     "pairs_both_named": "of pairs, both named",
-    "triples_members_named": "of the members of triples that show, named",
+    "triples_members_named": "of the detectable members of triples, named",
     "coverage": "truths inside their 95 % intervals",
 }
 

@@ -3,7 +3,7 @@
 import sys
 from functools import cache
 
-from leapgap.errors import InputError
+from leapgap.errors import InputError, did_you_mean
 from leapgap.logs.importers.base import LogFormat
 from leapgap.registry import classes_by_name
 
@@ -20,5 +20,6 @@ def formats() -> dict[str, type[LogFormat]]:
 def log_format(name: str) -> LogFormat:
     """A format by name; an unknown one is an ``InputError``."""
     if name not in formats():
-        raise InputError("import_logs.format", name, f"one of {', '.join(formats())}", "choose a known format")
+        do = did_you_mean(name, formats()) or "choose a known format"
+        raise InputError("format", name, f"one of {', '.join(formats())}", do)
     return formats()[name]()

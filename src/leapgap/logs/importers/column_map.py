@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.errors import InputError
+from leapgap.errors import InputError, did_you_mean
 from leapgap.logs.importers.tables import Table
 from leapgap.logs.importers.units import unit_factor
 from leapgap.logs.schema import COMMANDS, QUANTITIES, quantity_of
@@ -108,11 +108,14 @@ def check_ours(columns: Iterable[str], robot: Robot, where: str) -> None:
     for column in columns:
         quantity, joint = quantity_of(column), column.partition("/")[2]
         if quantity is None and column != "time":
-            expected = f"time, or one of {', '.join(QUANTITIES)}, with its joint, foot or axis (docs/formats.md)"
-            raise InputError(where, column, expected, "correct our name of the column")
+            expected = f"time, or one of {', '.join(QUANTITIES)}, with its joint, foot or axis"
+            do = did_you_mean(column, ["time", *QUANTITIES]) or "correct the name of the column"
+            raise InputError(where, column, expected, do)
         if quantity is not None and quantity.per == "joint" and joint not in robot.joints:
             expected = f"a joint of the robot: {', '.join(robot.joints)}"
-            raise InputError(where, column, expected, "correct the joint, or use joint_names")
+            raise InputError(
+                where, column, expected, did_you_mean(joint, robot.joints) or "correct the joint, or use joint_names"
+            )
 
 
 def imported(columns: Mapping[str, np.ndarray], ours: str, where: str) -> np.ndarray:
@@ -152,7 +155,8 @@ class Expansion:
         unknown = {*self.options.joint_names.values(), *self.options.joint_order} - set(self.robot.joints)
         if unknown:
             known = f"joints of the robot: {', '.join(self.robot.joints)}"
-            raise InputError(f"{self.where}, joints", ", ".join(sorted(unknown)), known, "correct the names")
+            do = did_you_mean(min(unknown), self.robot.joints) or "correct the names"
+            raise InputError(f"{self.where}, joints", ", ".join(sorted(unknown)), known, do)
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -88,7 +88,7 @@ class Ros(TableFormat):
     def read_table(self, path: Path, options: RosOptions, wanted: Wanted) -> Arrays:
         """The wanted fields of all topics, joined on the messages of the clock."""
         if options.stamps not in (RECEIVED, STAMPED):
-            raise InputError("import_logs.ros.stamps", options.stamps, f"{RECEIVED} or {STAMPED}", "choose one")
+            raise InputError("ros: stamps", options.stamps, f"{RECEIVED} or {STAMPED}", "choose one")
         topics = read_topics(path, options, wanted)
         if not topics:
             do = "name their fields as /topic/field in the map of columns"
@@ -289,9 +289,7 @@ def stamp(message: Any, topic: str, path: Path) -> int:
     """The time in a message's header, ns."""
     header = getattr(message, "header", None)
     if header is None:
-        raise InputError(
-            f"{path}, {topic}", "messages without a header", "a stamp", "use import_logs.ros.stamps=received"
-        )
+        raise InputError(f"{path}, {topic}", "messages without a header", "a stamp", "set stamps: received")
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 

@@ -105,7 +105,7 @@ class TableFormat(LogFormat):
 
     def read_all(self, path: Path, name: str, robot: Robot, options: Any) -> list[Log]:
         """The logs of a file, whole or cut as the options say."""
-        where = f"import_logs.{self.name}"
+        where = self.name
         check_options(options, where)
         table = self.table(path, options, needed(options, robot, where))
         if options.steps is not None:
@@ -313,13 +313,13 @@ def finished_log(
         "; ".join(source),
         (),
         tuple(options.segments),
-        of_jump(options, f"import_logs.{kind}"),
+        of_jump(options, kind),
     )
     if info.sample_period_s > LONGEST_PERIOD_S:
         found = (
             f"{len(columns['time'])} rows of {1e3 * info.sample_period_s:.4g} ms, {columns['time'][-1]:.4g} s in all"
         )
-        do = f"state the unit of the time: import_logs.{kind}.units.time (ms, us, ns), or period_s of the rows"
+        do = "state the unit of the time (units: {time: ms}, or us, ns), or period_s of the rows"
         raise InputError(f"{path}, {name}", found, f"rows of a loop, {1e3 * LONGEST_PERIOD_S:g} ms at most", do)
     log = Log(name, columns, info)
     if options.period_s is not None:

@@ -2,7 +2,7 @@
 
 import math
 
-from leapgap.errors import InputError
+from leapgap.errors import InputError, did_you_mean
 from leapgap.logs.schema import quantity_of
 
 TURN, INCH, FOOT, POUND, GRAVITY = 2 * math.pi, 0.0254, 0.3048, 4.4482216152605, 9.80665
@@ -57,5 +57,10 @@ def unit_factor(column: str, unit: str, where: str) -> float:
         known |= UNITS[OF_SLIDES[quantity.unit]]
     if unit not in known:
         expected = f"one of {', '.join(known)}" if known else "a column that has a unit"
-        raise InputError(f"{where}, {column}", f"the unit {unit}", expected, "correct it, or use factors")
+        raise InputError(
+            f"{where}, {column}",
+            f"the unit {unit}",
+            expected,
+            did_you_mean(unit, known) or "correct it, or use factors",
+        )
     return float(known[unit])

@@ -1,0 +1,98 @@
+"""What people read is in the words of the field, short enough, and says for whom it is."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from leapgap import effects
+from leapgap.cli import parser
+from tests.code import ROOT
+from tests.docs.hook import HOOK
+
+RECORD = ("research", "contributing")
+PAGES = [
+    page for page in sorted((ROOT / "docs").rglob("*.md")) if page.relative_to(ROOT / "docs").parts[0] not in RECORD
+]
+MADE = {name: HOOK[name]() for name in ("command_page", "effects_page", "settings_page")}
+TEXTS = {str(page.relative_to(ROOT)): page.read_text(encoding="utf-8") for page in [ROOT / "README.md", *PAGES]} | MADE
+OLD = (
+    "logs of ours",
+    "not fitted on:",
+    "its fellows",
+    "a cause without a name",
+    "a word for",
+    "without a word",
+    "stays as it was",
+    "by their own clock",
+    "where it lies",
+    "shrinks from",
+    "is told as",
+    "are told as",
+    "closes 9",
+    "closes all",
+    "closes the gap",
+    "short pieces",
+    "whoever ",
+    "makes up for",
+    "does no good",
+    "than believed",
+    "mend the",
+    "no bit of",
+    "from outside:",
+    "blind check",
+)
+"""Phrases of our own for which the field has a word."""
+MOST_WORDS, MOST_README_LINES = 25_000, 100
+
+
+@pytest.mark.parametrize("page", TEXTS)
+def test_no_old_words(page: str) -> None:
+    text = " ".join(TEXTS[page].lower().split())
+    assert [phrase for phrase in OLD if phrase in text] == []
+
+
+def test_help_and_descriptions_of_effects_have_no_old_words() -> None:
+    said = " ".join([parser().format_help(), *map(effects.describe, effects.known().values())]).lower()
+    assert [phrase for phrase in OLD if phrase in said] == []
+    assert all(len(effects.describe(kind)) <= 60 for kind in effects.known().values())
+
+
+def test_messages_of_the_command_name_no_key_of_hydra() -> None:
+    """Only the application and the pipeline's own classes know the sections of its configuration."""
+    key = re.compile(r"InputError\(\s*f?\"(?:diagnose|import_logs|report|collect|robot)\.\w")
+    library = [p for p in (ROOT / "src" / "leapgap").rglob("*.py") if not {"jumping", "validation"} & set(p.parts)]
+    assert [str(path) for path in library if key.search(path.read_text(encoding="utf-8"))] == []
+
+
+@pytest.mark.parametrize("page", [page for page in TEXTS if page != "README.md"])
+def test_a_page_says_at_its_top_for_whom_it_is(page: str) -> None:
+    head, _, rest = TEXTS[page].partition("\n\n")
+    assert head.startswith("# ")
+    assert re.match(r"\*For \w[^*]*\.", rest), page
+
+
+def test_the_front_page_and_the_docs_are_short() -> None:
+    assert len(TEXTS["README.md"].splitlines()) <= MOST_README_LINES
+    words = sum(bool(re.search(r"\w", word)) for text in TEXTS.values() for word in text.split())
+    assert words <= MOST_WORDS, words
+
+
+def test_links_between_pages_lead_somewhere() -> None:
+    """Those of the README as files of the project; the site's own check has the others, with their anchors."""
+    links = re.findall(r"\]\(([^)#\s]+)\)?", TEXTS["README.md"])
+    made = {"docs/reference/effects.md", "docs/reference/command.md", "docs/reference/settings.md"}
+    assert [one for one in links if "://" not in one and one not in made and not (ROOT / one).exists()] == []
+
+
+def test_the_moving_picture_of_the_front_page_is_small() -> None:
+    [picture] = re.findall(r"!\[[^]]*\]\(([^)]+)\)", TEXTS["README.md"])
+    assert Path(ROOT / picture).stat().st_size < 2_000_000
+
+
+def test_the_quoted_error_messages_are_those_of_the_code() -> None:
+    table = TEXTS["docs/reference/errors.md"].partition("| message contains")[2]
+    quoted = re.findall(r"^\| `([^`]+)`", table, re.MULTILINE)
+    code = [path.read_text(encoding="utf-8") for path in (ROOT / "src" / "leapgap").rglob("*.py")]
+    assert len(quoted) > 10
+    assert [text for text in quoted if not any(text in one for one in code)] == []
