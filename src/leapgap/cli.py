@@ -86,6 +86,22 @@ def parser() -> argparse.ArgumentParser:
 
     robot_options(diagnose)
 
+    judge = command("judge", run_judge, "say which changes of a corrected model are supported by further logs")
+    judge.add_argument("correction", type=Path, help="corrected model file of any tool, or the folder of a report")
+    judge.add_argument("logs", type=Path, help="folder of logs (*.parquet) that it was not fitted on, two or more")
+    judge.add_argument(
+        "--nominal", dest="robot", type=Path, metavar="ROBOT", help="the model that the file corrects; a report has it"
+    )
+    judge_options(judge)
+
+    compare = command("compare", run_compare, "say what changed between two sets of logs of one robot")
+    compare.add_argument("before", type=Path, help="folder of logs (*.parquet), two or more")
+    compare.add_argument("after", type=Path, help="folder of logs after the change, two or more, of like motions")
+    compare.add_argument(
+        "robot", type=Path, help="model of the robot (MJCF or URDF); what it is wrong by in both cancels"
+    )
+    judge_options(compare)
+
     check = command("check", run_check, "check clocks and consistency of logs; takes seconds and fits nothing")
     check.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
     check.add_argument("robot", type=Path, nargs="?", help="MuJoCo model: free fall and planted feet are checked too")
@@ -137,6 +153,15 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument("--number", type=int, default=3, metavar="N", help="which robot; each hides another effect: 3")
     demo.add_argument("--no-browser", action="store_true", help="print where the page is and open nothing")
     return top
+
+
+def judge_options(command: argparse.ArgumentParser) -> None:
+    """Options that ``judge`` and ``compare`` share."""
+    command.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON, too")
+    command.add_argument("--settings", type=Path, metavar="FILE", help="settings of a diagnosis that differ, as JSON")
+    command.add_argument("--threads", type=count, metavar="N", help="threads to use; none: all cores")
+    command.add_argument("--quiet", action="store_true", help="print the result and nothing on the way")
+    robot_options(command)
 
 
 def robot_options(command: argparse.ArgumentParser) -> None:
@@ -223,6 +248,43 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
     tell(report)
     if chosen.out is not None:
         print_written(report.save(chosen.out, chosen.viewer))
+
+
+def run_judge(chosen: argparse.Namespace) -> None:
+    """Print what further logs say of each change of a corrected model."""
+    from leapgap import api
+
+    def judged(settings: Any, progress: Any) -> Any:
+        return api.judge(chosen.correction, chosen.logs, robot_of(chosen), settings, progress, chosen.threads)
+
+    tell_result(chosen, judged)
+
+
+def run_compare(chosen: argparse.Namespace) -> None:
+    """Print what changed between two sets of logs."""
+    from leapgap import api
+
+    def compared(settings: Any, progress: Any) -> Any:
+        return api.compare(chosen.before, chosen.after, robot_of(chosen), settings, progress, chosen.threads)
+
+    tell_result(chosen, compared)
+
+
+def tell_result(chosen: argparse.Namespace, work: Any) -> None:
+    """Print what ``work`` finds by the settings that a command names, and write it as JSON where a file is named."""
+    from leapgap.atomic_io import write_json
+    from leapgap.diagnosis.settings import Settings
+    from leapgap.settings import from_json
+
+    if chosen.json is not None and not chosen.json.parent.is_dir():
+        raise InputError(chosen.json, "no such folder", "a file in a folder that exists", "make the folder")
+    settings = from_json(Settings, chosen.settings) if chosen.settings else Settings()
+    with nullcontext(lambda _: None) if chosen.quiet else still_running(tell) as progress:
+        found = work(settings, progress)
+    tell(found)
+    if chosen.json is not None:
+        write_json(chosen.json, found.to_json())
+        tell(f"as data: {chosen.json}")
 
 
 def print_written(folder: Path) -> None:
