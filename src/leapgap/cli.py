@@ -20,7 +20,7 @@ from leapgap.processes import InterruptGuard, open_closed_streams, tolerate_term
 from leapgap.still_running import still_running
 
 DESCRIPTION = "Where a robot's simulation is wrong, which effect causes it, how far the gap shrinks with it added."
-IMPORT, REPLAY, DEMO = "leapgap import", "leapgap replay", "leapgap demo"
+IMPORT, REPLAY, DEMO, NET = "leapgap import", "leapgap replay", "leapgap demo", "leapgap actuator-net"
 """Commands, as the markers of their output folders name them."""
 MOST_THREADS = 1024
 UNITS = "Units: m, rad, s, N, N·m. Exit code 2: bad input, with a message that says what to do."
@@ -101,6 +101,16 @@ def parser() -> argparse.ArgumentParser:
         "robot", type=Path, help="model of the robot (MJCF or URDF); what it is wrong by in both cancels"
     )
     judge_options(compare)
+
+    net = command("actuator-net", run_actuator_net, "train actuator networks from logs, judged beside named causes")
+    net.add_argument("logs", type=Path, help="folder of logs (*.parquet), two or more, of one set of gains")
+    net.add_argument("robot", type=Path, help="model of the robot (MJCF or URDF)")
+    net.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the networks")
+    net.add_argument("--report", type=Path, metavar="DIR", help="report whose causes are judged beside the networks")
+    net.add_argument("--history", type=count, default=3, metavar="N", help="steps that a network sees: 3")
+    net.add_argument("--step", type=float, default=0.005, metavar="S", help="length of a step, s: 0.005")
+    net.add_argument("--quiet", action="store_true", help="print the errors and nothing on the way")
+    robot_options(net)
 
     check = command("check", run_check, "check clocks and consistency of logs; takes seconds and fits nothing")
     check.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
@@ -268,6 +278,32 @@ def run_compare(chosen: argparse.Namespace) -> None:
         return api.compare(chosen.before, chosen.after, robot_of(chosen), settings, progress, chosen.threads)
 
     tell_result(chosen, compared)
+
+
+def run_actuator_net(chosen: argparse.Namespace) -> None:
+    """Train a network for each joint group, print its error beside those of the joint PD and of named causes."""
+    from importlib.util import find_spec
+
+    from leapgap import api
+    from leapgap.output_folder import whole_folder
+    from leapgap.simulation.corrected import read_corrected
+
+    if find_spec("lightning") is None or find_spec("onnx") is None:
+        raise InputError("actuator-net", "no Lightning", "the extra learning", 'pip install "leapgap[learning]"')
+    if not 1e-5 <= chosen.step <= 1.0:
+        raise InputError("--step", f"{chosen.step:g} s", "0.00001 to 1 s", "name the physics step of your simulator")
+    from leapgap.learning.actuator_network import train_networks
+
+    check_output(chosen.out, NET, (chosen.logs, chosen.robot))
+    causes = None if chosen.report is None else read_corrected(chosen.report / "corrected")[1]
+    robot = robot_of(chosen)
+    with nullcontext(lambda _: None) if chosen.quiet else still_running(tell) as progress:
+        logs = api.read_logs(chosen.logs, robot=robot)
+        found = train_networks(logs, robot, causes, chosen.history, chosen.step, progress=progress)
+    with whole_folder(chosen.out, NET) as beside:
+        found.write(beside)
+    tell(found)
+    tell(f"networks: {chosen.out}")
 
 
 def tell_result(chosen: argparse.Namespace, work: Any) -> None:
