@@ -29,7 +29,7 @@ ONLY_IN = {
     "torch": {"learning", "jumping.learning"},
     "lightning": {"learning", "jumping.learning"},
     "onnx": {"learning", "jumping.learning"},
-    "onnxruntime": set(),
+    "onnxruntime": {"learning"},
     "casadi": {"jumping.planning", "jumping.control"},
     "daqp": {"jumping.control"},
     "numba": {"jumping.control"},

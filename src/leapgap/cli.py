@@ -112,6 +112,13 @@ def parser() -> argparse.ArgumentParser:
     net.add_argument("--quiet", action="store_true", help="print the errors and nothing on the way")
     robot_options(net)
 
+    policy = command("consequence", run_consequence, "say what each cause of a report does to a policy")
+    policy.add_argument("report", type=Path, help="folder that 'leapgap diagnose --out' wrote, or its folder corrected")
+    policy.add_argument("--policy", type=Path, required=True, metavar="FILE", help="policy as ONNX or TorchScript")
+    policy.add_argument("--map", type=Path, required=True, metavar="FILE", help="what its numbers are, YAML or JSON")
+    policy.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON, too")
+    policy.add_argument("--quiet", action="store_true", help="print the result and nothing on the way")
+
     check = command("check", run_check, "check clocks and consistency of logs; takes seconds and fits nothing")
     check.add_argument("logs", type=Path, help="folder of logs (*.parquet)")
     check.add_argument("robot", type=Path, nargs="?", help="MuJoCo model: free fall and planted feet are checked too")
@@ -237,9 +244,8 @@ class Version(argparse.Action):
 def run_diagnose(chosen: argparse.Namespace) -> None:
     """Diagnose, print the answer, write the report where a folder is named."""
     from leapgap import api
-    from leapgap.diagnosis.diagnose import Settings
     from leapgap.reports.diagnosis import SAVED_BY
-    from leapgap.settings import from_json, replaced
+    from leapgap.settings import replaced
 
     if chosen.out is not None:
         check_output(chosen.out, SAVED_BY, (chosen.logs, chosen.robot), kept=True)
@@ -247,7 +253,7 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
         from leapgap.reports.viewer import viewer_folder
 
         viewer_folder()  # what is missing is said before the work begins
-    settings = from_json(Settings, chosen.settings) if chosen.settings else Settings()
+    settings = settings_of(chosen)
     for key in ("effects", "without"):
         if getattr(chosen, key):
             settings = replaced(settings, **{key: [name.strip() for name in getattr(chosen, key).split(",")]})
@@ -260,24 +266,38 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
         print_written(report.save(chosen.out, chosen.viewer))
 
 
+def run_consequence(chosen: argparse.Namespace) -> None:
+    """Print what each cause of a report does to a policy."""
+    from leapgap.learning.consequence import PolicyMap, consequence, read_policy
+    from leapgap.settings import from_json
+    from leapgap.simulation.corrected import EFFECTS, read_corrected
+
+    map = from_json(PolicyMap, chosen.map)
+    folder = chosen.report if (chosen.report / EFFECTS).is_file() else chosen.report / "corrected"
+    robot, causes = read_corrected(folder)
+    network = read_policy(chosen.policy)
+    tell_result(chosen, lambda progress: consequence(robot, causes, network, map, progress))
+
+
 def run_judge(chosen: argparse.Namespace) -> None:
     """Print what further logs say of each change of a corrected model."""
     from leapgap import api
 
-    def judged(settings: Any, progress: Any) -> Any:
-        return api.judge(chosen.correction, chosen.logs, robot_of(chosen), settings, progress, chosen.threads)
-
-    tell_result(chosen, judged)
+    settings, robot = settings_of(chosen), robot_of(chosen)
+    tell_result(
+        chosen,
+        lambda progress: api.judge(chosen.correction, chosen.logs, robot, settings, progress, chosen.threads),
+    )
 
 
 def run_compare(chosen: argparse.Namespace) -> None:
     """Print what changed between two sets of logs."""
     from leapgap import api
 
-    def compared(settings: Any, progress: Any) -> Any:
-        return api.compare(chosen.before, chosen.after, robot_of(chosen), settings, progress, chosen.threads)
-
-    tell_result(chosen, compared)
+    settings, robot = settings_of(chosen), robot_of(chosen)
+    tell_result(
+        chosen, lambda progress: api.compare(chosen.before, chosen.after, robot, settings, progress, chosen.threads)
+    )
 
 
 def run_actuator_net(chosen: argparse.Namespace) -> None:
@@ -307,20 +327,25 @@ def run_actuator_net(chosen: argparse.Namespace) -> None:
 
 
 def tell_result(chosen: argparse.Namespace, work: Any) -> None:
-    """Print what ``work`` finds by the settings that a command names, and write it as JSON where a file is named."""
+    """Print what ``work`` finds, and write it as JSON where a file is named."""
     from leapgap.atomic_io import write_json
-    from leapgap.diagnosis.settings import Settings
-    from leapgap.settings import from_json
 
     if chosen.json is not None and not chosen.json.parent.is_dir():
         raise InputError(chosen.json, "no such folder", "a file in a folder that exists", "make the folder")
-    settings = from_json(Settings, chosen.settings) if chosen.settings else Settings()
     with nullcontext(lambda _: None) if chosen.quiet else still_running(tell) as progress:
-        found = work(settings, progress)
+        found = work(progress)
     tell(found)
     if chosen.json is not None:
         write_json(chosen.json, found.to_json())
         tell(f"as data: {chosen.json}")
+
+
+def settings_of(chosen: argparse.Namespace) -> Any:
+    """Settings of a diagnosis from the file that a command names; those that were validated, if it names none."""
+    from leapgap.diagnosis.settings import Settings
+    from leapgap.settings import from_json
+
+    return from_json(Settings, chosen.settings) if chosen.settings else Settings()
 
 
 def print_written(folder: Path) -> None:

@@ -22,6 +22,7 @@ from leapgap.logs.cutting import at_least_two
 from leapgap.logs.log import Log
 from leapgap.logs.reach import without_false_stops
 from leapgap.logs.reading import Readings, read_folder
+from leapgap.logs.state import motion_of
 from leapgap.logs.stretches import choose_stretches
 from leapgap.output_folder import merged_folder
 from leapgap.reports.channel_names import channel_words
@@ -35,6 +36,7 @@ from leapgap.reports.viewer import (
     embedded_viewer,
     viewer_folder,
 )
+from leapgap.robot.loop import Loop, robot_loop
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.robot.picture import robot_picture
@@ -152,17 +154,18 @@ class Report:
         viewer inside the page.
         """
         with merged_folder(Path(folder), SAVED_BY, replaced=(CORRECTED, BEST)) as beside:
-            self.write(beside, viewer, robot_picture(self.robot, joints) if (joints := self.culprits) else None)
+            picture = robot_picture(self.robot, joints) if (joints := self.culprits) else None
+            self.write(beside, viewer, picture, self.loop())
             if self.record is not None:
                 self.record(self, beside / RECORDING)
         return Path(folder)
 
     @one_blas_thread()
-    def write(self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None) -> None:
+    def write(self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None, loop: Loop | None = None) -> None:
         """Write ``report.json``, ``report.html``, ``corrected/`` and ``best/`` into a folder.
 
         ``best/`` is left out where no best simulator was asked for, or where it is the answer. ``viewer`` as of
-        ``save``; ``picture`` is a PNG of the robot for the page.
+        ``save``; ``picture`` is a PNG of the robot for the page, ``loop`` one of its motion.
         """
         check_viewer(viewer)
         inside = self.embedded() if viewer == EMBEDDED else None
@@ -173,8 +176,18 @@ class Report:
         if best and not best.is_answer:
             write_corrected(folder / BEST, self.robot, self.best)
         replays = (self.nominal, self.corrected)
-        page = html(self.content, self.logs, self.robot, *replays, inside, written.replayable, picture)
+        page = html(self.content, self.logs, self.robot, *replays, inside, written.replayable, picture, loop)
         write_text(folder / PAGE, page)
+
+    def loop(self) -> Loop | None:
+        """The log of median gap with its replays as a loop; None where the machine cannot draw or there is no gap."""
+        name = self.content.median_log
+        log = next(one for one in self.logs if one.name == name)
+        if self.verdict == "none":
+            return None
+        motions = [motion_of(log, self.robot), self.diagnosis.nominal[name]]
+        motions += [self.diagnosis.corrected[name]] if self.answer else []
+        return robot_loop(self.robot, log.time, [motion.qpos for motion in motions])
 
     def embedded(self) -> EmbeddedViewer:
         """The viewer with the recording of this report."""

@@ -80,9 +80,9 @@ def horizons(report: ReportContent) -> go.Figure:
         line = {"color": colour, "width": 2, "dash": dash}
         figure.add_scatter(x=labels, y=values, name=name, mode="lines+markers", line=line)
     figure.update_layout(
-        height=330, margin={"l": 55, "r": 15, "t": 40, "b": 45}, legend={"orientation": "h", "y": 1.18, "x": 0}
+        height=300, margin={"l": 55, "r": 15, "t": 40, "b": 30}, legend={"orientation": "h", "y": 1.18, "x": 0}
     )
-    figure.update_xaxes(title_text="replays start anew from the log after", type="category")
+    figure.update_xaxes(type="category")
     ticks = round_numbers([value for _, _, _, values in curves for value in values if value > 0])
     figure.update_yaxes(title_text="gap", type="log", tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks])
     return figure
