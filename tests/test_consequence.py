@@ -49,10 +49,32 @@ def plain_course(xml: str) -> np.ndarray:
     return np.array(course)
 
 
-def test_a_policy_departs_as_it_does_in_plain_mujoco(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def write_policy(path: Path) -> Path:
+    """The linear policy as TorchScript or, by ``onnx`` alone, as ONNX."""
+    if path.suffix != ".onnx":
+        torch.jit.trace(Linear(), torch.zeros(1, 6)).save(str(path))
+        return path
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    constants = [onnx.numpy_helper.from_array(one.numpy(), name) for one, name in ((GAIN, "gain"), (ALWAYS, "always"))]
+    ends = [
+        [onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1, size])]
+        for name, size in (("observation", 6), ("action", 2))
+    ]
+    node = onnx.helper.make_node("Gemm", ["observation", "gain", "always"], ["action"], transB=1)
+    graph = onnx.helper.make_graph([node], "policy", *ends, initializer=constants)
+    version = [onnx.helper.make_opsetid("", 18)]
+    onnx.save(onnx.helper.make_model(graph, opset_imports=version, ir_version=10), str(path))
+    return path
+
+
+@pytest.mark.parametrize("file", ["policy.pt", "policy.onnx"])
+def test_a_policy_departs_as_it_does_in_plain_mujoco(
+    file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     robot = Robot.load(plain_arm.write_model(tmp_path))
     folder = report(tmp_path, robot, effects.effect("joint_damping", "elbow", damping=0.4))
-    torch.jit.trace(Linear(), torch.zeros(1, 6)).save(str(tmp_path / "policy.pt"))
+    policy = write_policy(tmp_path / file)
     terms = [{"of": "joint_pos"}, {"of": "joint_vel", "scale": 0.1}, {"of": "last_action"}]
     stated = {"observation": terms, "kp": KP, "kd": KD, "period_s": PERIOD_S, "seconds": SECONDS, "scale": 0.5}
     (tmp_path / "map.json").write_text(json.dumps(stated))
@@ -60,7 +82,7 @@ def test_a_policy_departs_as_it_does_in_plain_mujoco(tmp_path: Path, capsys: pyt
         "consequence",
         str(folder),
         "--policy",
-        str(tmp_path / "policy.pt"),
+        str(policy),
         "--map",
         str(tmp_path / "map.json"),
     ]
@@ -75,7 +97,7 @@ def test_a_policy_departs_as_it_does_in_plain_mujoco(tmp_path: Path, capsys: pyt
 
 
 def test_a_robot_without_torque_falls(tmp_path: Path) -> None:
-    """The A1 on its keyframe with set points that stand: with three tenths of its torque it goes down."""
+    """The A1 on soft legs with set points that stand: with three tenths of its torque it goes down."""
 
     class Stand(torch.nn.Module):
         def forward(self, seen: torch.Tensor) -> torch.Tensor:
@@ -85,7 +107,8 @@ def test_a_robot_without_torque_falls(tmp_path: Path) -> None:
     folder = report(tmp_path, robot, effects.effect("torque_gain", scale=0.3), effects.effect("payload", mass_kg=0.2))
     torch.jit.trace(Stand(), torch.zeros(1, 15)).save(str(tmp_path / "policy.pt"))
     terms = [{"of": "joint_pos"}, {"of": "gravity"}]
-    stated = {"observation": terms, "kp": 40.0, "kd": 1.0, "period_s": 0.01, "seconds": 1.5}
+    start = [0, 0, 0.27, 1, 0, 0, 0, *[0, 0.8, -1.6] * 4]
+    stated = {"observation": terms, "kp": 10.0, "kd": 0.5, "period_s": 0.01, "seconds": 1.5, "start": start}
     (tmp_path / "map.json").write_text(json.dumps(stated))
     arguments = [
         "consequence",
@@ -110,6 +133,7 @@ def test_a_robot_without_torque_falls(tmp_path: Path) -> None:
     [
         ({"observation": [{"of": "base_height"}]}, "expected one of joint_pos, joint_vel, last_action, values"),
         ({"joints": ["knee"]}, "found knee; expected joints among shoulder, elbow"),
+        ({"start": [0.0]}, "found 1 numbers; expected 2 positions"),
         ({"offset": [0.0]}, "found 1 numbers; expected 2, one a joint"),
         ({"kp": "much"}, "expected a value of type float"),
     ],

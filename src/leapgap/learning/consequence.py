@@ -55,6 +55,8 @@ class PolicyMap:
     scale: float = 1.0
     offset: tuple[float, ...] = ()
     """rad, in the order of ``joints``; empty: the pose at the start."""
+    start: tuple[float, ...] = ()
+    """Positions of the whole robot (nq,) in MuJoCo's order, at rest; empty: the first keyframe of its model."""
     limit: float = 100.0
     """Actions are cut at ± this."""
 
@@ -175,7 +177,11 @@ class PolicyRun:
     def run(self, effects: Sequence[Effect]) -> tuple[np.ndarray, float | None]:
         """True positions after each period (periods, nq), up to a fall, and its time."""
         simulator = Simulator(self.robot, effects, self.map.period_s)
-        reading, order = simulator.reset(), self.order
+        nq, order = self.robot.model.nq, self.order
+        if self.map.start and len(self.map.start) != nq:
+            raise InputError("map, start", f"{len(self.map.start)} numbers", f"{nq} positions", "correct it")
+        state = np.concatenate([self.map.start, np.zeros(self.robot.model.nv)]) if self.map.start else None
+        reading = simulator.reset(state)
         start = reading.joint_pos[self.robot.driven][order]
         offset = np.array(self.map.offset) if self.map.offset else start
         if len(offset) != len(order):
