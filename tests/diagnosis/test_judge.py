@@ -8,6 +8,7 @@ import pytest
 
 import leapgap as lg
 from leapgap import effects
+from leapgap.atomic_io import sha256
 from leapgap.cli import main
 from leapgap.effects.model_change import changes_between
 from leapgap.errors import InputError
@@ -105,12 +106,29 @@ def test_the_command_says_it_and_writes_it(tmp_path: Path, capsys: pytest.Captur
     assert change["share"] == pytest.approx(2, rel=0.05)
 
 
+@pytest.mark.long
+def test_a_report_is_judged_on_the_logs_that_it_was_not_made_from(tmp_path: Path) -> None:
+    """Its damping is right; its load at the elbow is not, and the log that it was made from is left out."""
+    nominal = robot_of(tmp_path, "nominal", plain_arm.arm())
+    logs = plain_arm.write_parquet(tmp_path / "logs", 3)
+    report = tmp_path / "report"
+    causes = effects.effect("joint_damping", "elbow", damping=0.4), effects.effect("leg_mass", "elbow", scale=1.2)
+    write_corrected(report / "corrected", nominal, causes)
+    used = next(iter(sorted(logs.iterdir())))
+    (report / "report.json").write_text(json.dumps({"provenance": {"logs": {used.stem: sha256(used)}}}))
+    judgement = lg.judge(report, logs, threads=1)
+    assert judgement.logs == ("swing_1", "swing_2")
+    assert used.stem in judgement.notes[0]
+    verdicts = {one.title: one.verdict for one in judgement.changes}
+    assert verdicts == {"joint_damping at elbow": "supported", "link_mass at elbow": "not supported"}
+
+
 def test_logs_that_a_report_was_made_from_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     nominal = robot_of(tmp_path, "nominal", plain_arm.arm())
     logs = plain_arm.write_parquet(tmp_path / "logs", 2)
     report = tmp_path / "report"
     write_corrected(report / "corrected", nominal, (effects.effect("joint_damping", "elbow", damping=0.4),))
-    hashes = {path.stem: lg.api.sha256(path) for path in logs.iterdir()}
+    hashes = {path.stem: sha256(path) for path in logs.iterdir()}
     (report / "report.json").write_text(json.dumps({"provenance": {"logs": hashes}}))
     assert main(["judge", str(report), str(logs)]) == 2
     assert "the same logs that this report was made from" in capsys.readouterr().err
