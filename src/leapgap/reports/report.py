@@ -52,9 +52,10 @@ def html(
         "map": gap_map(report, robot, phase_names(logs)),
         "horizons": horizons(report),
         "closure": closures(report),
-        "profiles": profiles(report),
         "logs": gap_per_log(report),
     }
+    if report.profiles:
+        figures["profiles"] = profiles(report)
     config = report.provenance.config
     lengths = {name: config[name] for name in ("horizon_s", "every_s") if name in config}
     alike = similarity(report.causes, logs, robot, **lengths)

@@ -64,6 +64,7 @@ def frames(robot: Robot, layers: np.ndarray) -> Iterator[np.ndarray]:
     planes = model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)
     model.geom_matid[:] = -1
     light(model)
+    model.vis.quality.offsamples = 0  # edges would be blended with black
     data, camera = mujoco.MjData(model), framing(model, layers[0])
     with mujoco.Renderer(model, SIZE[1], SIZE[0]) as renderer:
         for frame in range(layers.shape[1]):
