@@ -1,4 +1,4 @@
-"""Several draws of landings as one file of figures, and the tables of docs/research/experiments.md, as `make kicked` makes them.
+"""Several draws of landings as one file of figures, and tables of docs/research/experiments.md, as `make kicked` has them.
 
 The first word is the folder of the runs of ``stages.land``, each with a seed of its own; the second is the file.
 

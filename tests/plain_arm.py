@@ -26,10 +26,15 @@ def write_model(folder: Path) -> Path:
     return path
 
 
-def swing(seed: int, seconds: float = 2.0) -> dict[str, np.ndarray]:
+def arm(elbow: str = EXAMPLE.BELIEVED, mass: float = 0.8) -> str:
+    """The model with other attributes of the elbow, and another mass of the lower link, kg."""
+    return str(EXAMPLE.MODEL.format(elbow=elbow).replace('mass="0.8"', f'mass="{mass}"'))
+
+
+def swing(seed: int, seconds: float = 2.0, xml: str = arm(EXAMPLE.TRUE)) -> dict[str, np.ndarray]:
     """Columns of one log of the true arm: a sum of sines is asked of each joint, the PD torque enters as a force."""
     rng = np.random.default_rng(seed)
-    model = mujoco.MjModel.from_xml_string(EXAMPLE.MODEL.format(elbow=EXAMPLE.TRUE))
+    model = mujoco.MjModel.from_xml_string(xml)
     data, rows = mujoco.MjData(model), round(seconds / PERIOD_S)
     time = np.arange(rows) * PERIOD_S
     size, rate, phase = rng.uniform(0.2, 0.5, (2, 3)), rng.uniform(0.4, 1.6, (2, 3)), rng.uniform(0, 6, (2, 3))
@@ -66,10 +71,10 @@ def write_csv(folder: Path, logs: int = 4) -> Path:
     return folder
 
 
-def write_parquet(folder: Path, logs: int = 4) -> Path:
-    """The logs in the documented form (docs/reference/log_format.md), written by pyarrow alone."""
+def write_parquet(folder: Path, logs: int = 4, xml: str = arm(EXAMPLE.TRUE), first: int = 0) -> Path:
+    """The logs in the documented form (docs/reference/log_format.md), from seed ``first`` on, by pyarrow alone."""
     folder.mkdir(parents=True, exist_ok=True)
-    for i in range(logs):
-        table = pa.table(swing(i)).replace_schema_metadata({"leapgap": json.dumps(EXAMPLE.INFO)})
+    for i in range(first, first + logs):
+        table = pa.table(swing(i, xml=xml)).replace_schema_metadata({"leapgap": json.dumps(EXAMPLE.INFO)})
         pq.write_table(table, folder / f"swing_{i}.parquet")
     return folder

@@ -319,7 +319,18 @@ def test_the_table_of_effects_reads_values_from_the_robot(folder: Path, capsys: 
 
 
 def test_every_command_has_help(capsys: pytest.CaptureFixture[str]) -> None:
-    for command in ("diagnose", "check", "replay", "import", "effects", "report"):
+    for command in (
+        "diagnose",
+        "judge",
+        "compare",
+        "actuator-net",
+        "consequence",
+        "check",
+        "replay",
+        "import",
+        "effects",
+        "report",
+    ):
         with pytest.raises(SystemExit) as end:
             run(command, "--help")
         assert end.value.code == 0

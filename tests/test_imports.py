@@ -16,6 +16,7 @@ MAY_IMPORT = {
     "validation": {"robot", "logs", "effects", "simulation", "diagnosis"},  # and no diagnosis imports it
     "export": {"robot", "effects", "simulation", "diagnosis"},
     "reports": {"robot", "logs", "effects", "simulation", "diagnosis", "validation", "export"},
+    "learning": {"robot", "logs", "effects", "simulation", "diagnosis"},
     "jumping": {"robot", "logs", "effects", "simulation"},
     "jumping.reports": {"robot", "logs", "effects", "simulation", "diagnosis", "reports", "jumping"},
 }
@@ -26,10 +27,10 @@ ONLY_IN = {
     "mujoco": {"robot", "effects", "simulation", "diagnosis", "validation", "export", "jumping"},
     "mujoco_menagerie": {"robot"},
     "rerun": {"reports", "jumping.reports"},
-    "torch": {"jumping.learning"},
-    "lightning": {"jumping.learning"},
-    "onnx": {"jumping.learning"},
-    "onnxruntime": set(),
+    "torch": {"learning", "jumping.learning"},
+    "lightning": {"learning", "jumping.learning"},
+    "onnx": {"learning", "jumping.learning"},
+    "onnxruntime": {"learning"},
     "casadi": {"jumping.planning", "jumping.control"},
     "daqp": {"jumping.control"},
     "numba": {"jumping.control"},

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from leapgap import effects
-    from leapgap.api import check, diagnose, read_logs, replay, write_log
+    from leapgap.api import check, compare, diagnose, judge, read_logs, replay, write_log
     from leapgap.diagnosis.diagnose import Settings
     from leapgap.effects.base import Effect
     from leapgap.errors import InputError
@@ -40,7 +40,9 @@ HOMES = {
     "Settings": "leapgap.diagnosis.diagnose",
     "Simulator": "leapgap.simulation.simulator",
     "check": "leapgap.api",
+    "compare": "leapgap.api",
     "diagnose": "leapgap.api",
+    "judge": "leapgap.api",
     "read_logs": "leapgap.api",
     "replay": "leapgap.api",
     "write_log": "leapgap.api",
@@ -57,8 +59,10 @@ __all__ = [
     "Simulator",
     "__version__",
     "check",
+    "compare",
     "diagnose",
     "effects",
+    "judge",
     "read_logs",
     "replay",
     "write_log",

@@ -8,9 +8,12 @@ from typing import Any
 
 from leapgap.diagnosis.checks import run_checks
 from leapgap.diagnosis.checks.base import CheckResult
-from leapgap.diagnosis.provenance import Provenance
+from leapgap.diagnosis.compare import Comparison, compare_logs
+from leapgap.diagnosis.judge import Judgement, change_of_effect, judge_correction
+from leapgap.diagnosis.provenance import Provenance, content_sha256
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
+from leapgap.effects.model_change import changes_between
 from leapgap.errors import InputError
 from leapgap.logs import log as log_file
 from leapgap.logs import reading
@@ -20,9 +23,9 @@ from leapgap.logs.map_proposal.report import first_file
 from leapgap.logs.reading import Readings
 from leapgap.reports.diagnosis import ChosenLogs, Report, diagnose_chosen, diagnose_folder
 from leapgap.robot.model import Robot
-from leapgap.runtime.atomic_io import sha256
+from leapgap.runtime.atomic_io import read_json, sha256
 from leapgap.settings import replaced
-from leapgap.simulation.corrected import read_corrected
+from leapgap.simulation.corrected import EFFECTS, read_corrected
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 
@@ -173,6 +176,65 @@ def diagnose(
     provenance = Provenance.of(read, loaded, asdict(chosen), file_hashes(logs, read))
     some_logs = ChosenLogs.of(Readings(tuple(read)), progress)
     return diagnose_chosen(some_logs, loaded, chosen, own, provenance, progress, threads, others, record)
+
+
+def judge(
+    correction: PathLike,
+    logs: Logs,
+    nominal: Robot | PathLike | None = None,
+    settings: Settings | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+    threads: int | None = None,
+) -> Judgement:
+    """Which changes of a corrected model are supported by logs that it was not fitted on.
+
+    ``correction`` is the corrected model file, from whatever tool, or the folder of a report. ``nominal`` is the model
+    that a file corrects; a report brings its own. Logs that a report was made from are left out.
+    """
+    path, notes, read = Path(correction), [], read_logs(logs)
+    if path.is_dir():
+        folder = path if (path / EFFECTS).is_file() else path / "corrected"
+        robot, own = read_corrected(folder)
+        robot = robot if nominal is None else load_robot(nominal)
+        changes = [change_of_effect(effect, robot) for effect in own]
+        known = set(read_json(path / "report.json")["provenance"]["logs"].values()) if folder != path else set()
+        used = [log.name for log in read if known & {content_sha256(log), *hashes_of(logs, log.name)}]
+        if len(used) == len(read):
+            expected = "logs that the correction was not fitted on"
+            raise InputError(path, "the same logs that this report was made from", expected, "name other logs")
+        read = [log for log in read if log.name not in used]
+        notes += [f"left out, since the report was made from them: {', '.join(used)}"] if used else []
+    else:
+        if nominal is None:
+            raise InputError(
+                "--nominal", "no model", "the model that the file corrects", "name it: --nominal robot.xml"
+            )
+        robot = load_robot(nominal)
+        changes = changes_between(robot, load_robot(path))
+    return judge_correction(read, robot, changes, settings, progress, threads, notes)
+
+
+def compare(
+    before: Logs,
+    after: Logs,
+    robot: Robot | PathLike,
+    settings: Settings | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+    threads: int | None = None,
+) -> Comparison:
+    """What changed between two sets of logs of one robot, whatever its model is wrong by in both."""
+    loaded = load_robot(robot)
+    earlier, later = (read_logs(logs, robot=loaded) for logs in (before, after))
+    return compare_logs(earlier, later, loaded, settings, progress, threads)
+
+
+def hashes_of(source: Logs, name: str) -> list[str]:
+    """SHA-256 of the file of a log, where the logs were read from a folder or file."""
+    if not isinstance(source, PathLike):
+        return []
+    path = Path(source)
+    file = path / f"{name}.parquet" if path.is_dir() else path
+    return [sha256(file)] if file.is_file() else []
 
 
 def file_hashes(source: Logs, logs: Sequence[Log]) -> dict[str, str] | None:

@@ -20,7 +20,7 @@ from leapgap.runtime.processes import InterruptGuard, open_closed_streams, toler
 from leapgap.runtime.still_running import still_running
 
 DESCRIPTION = "Find out why a robot does not move as its MuJoCo simulation does."
-IMPORT, REPLAY, DEMO = "leapgap import", "leapgap replay", "leapgap demo"
+IMPORT, REPLAY, DEMO, NET = "leapgap import", "leapgap replay", "leapgap demo", "leapgap actuator-net"
 """Commands, as the markers of their output folders name them."""
 MOST_THREADS = 1024
 UNITS = "Units: m, rad, s, N, N·m. Exit code 2: bad input, with a message that says what to do."
@@ -88,6 +88,39 @@ def parser() -> argparse.ArgumentParser:
 
     robot_options(diagnose)
 
+    judge = command("judge", run_judge, "say which changes of a corrected model are supported by further logs")
+    judge.add_argument("correction", type=Path, help="corrected model file of any tool, or the folder of a report")
+    judge.add_argument("logs", type=Path, help="folder of logs (*.parquet) that it was not fitted on, two or more")
+    judge.add_argument(
+        "--nominal", dest="robot", type=Path, metavar="ROBOT", help="the model that the file corrects; a report has it"
+    )
+    judge_options(judge)
+
+    compare = command("compare", run_compare, "say what changed between two sets of logs of one robot")
+    compare.add_argument("before", type=Path, help="folder of logs (*.parquet), two or more")
+    compare.add_argument("after", type=Path, help="folder of logs after the change, two or more, of like motions")
+    compare.add_argument(
+        "robot", type=Path, help="model of the robot (MJCF or URDF); what it is wrong by in both cancels"
+    )
+    judge_options(compare)
+
+    net = command("actuator-net", run_actuator_net, "train actuator networks from logs, judged beside named causes")
+    net.add_argument("logs", type=Path, help="folder of logs (*.parquet), two or more, of one set of gains")
+    net.add_argument("robot", type=Path, help="model of the robot (MJCF or URDF)")
+    net.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the networks")
+    net.add_argument("--report", type=Path, metavar="DIR", help="report whose causes are judged beside the networks")
+    net.add_argument("--history", type=count, default=3, metavar="N", help="steps that a network sees: 3")
+    net.add_argument("--step", type=float, default=0.005, metavar="S", help="length of a step, s: 0.005")
+    net.add_argument("--quiet", action="store_true", help="print the errors and nothing on the way")
+    robot_options(net)
+
+    policy = command("consequence", run_consequence, "say what each cause of a report does to a policy")
+    policy.add_argument("report", type=Path, help="folder that 'leapgap diagnose --out' wrote, or its folder corrected")
+    policy.add_argument("--policy", type=Path, required=True, metavar="FILE", help="policy as ONNX or TorchScript")
+    policy.add_argument("--map", type=Path, required=True, metavar="FILE", help="what its numbers are, YAML or JSON")
+    policy.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON, too")
+    policy.add_argument("--quiet", action="store_true", help="print the result and nothing on the way")
+
     check = command("check", run_check, "check time stamps and consistency of logs, in seconds")
     check.add_argument("logs", type=Path, help="folder of logs in leapgap's format (*.parquet)")
     check.add_argument("robot", type=Path, nargs="?", help="model of the robot: enables the checks that need one")
@@ -138,6 +171,15 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument("--number", type=int, default=3, metavar="N", help="which robot; each has another fault: 3")
     demo.add_argument("--no-browser", action="store_true", help="do not open the page")
     return top
+
+
+def judge_options(command: argparse.ArgumentParser) -> None:
+    """Options that ``judge`` and ``compare`` share."""
+    command.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON, too")
+    command.add_argument("--settings", type=Path, metavar="FILE", help="settings of a diagnosis that differ, as JSON")
+    command.add_argument("--threads", type=count, metavar="N", help="threads to use; none: all cores")
+    command.add_argument("--quiet", action="store_true", help="print the result and nothing on the way")
+    robot_options(command)
 
 
 def robot_options(command: argparse.ArgumentParser) -> None:
@@ -203,9 +245,7 @@ class Version(argparse.Action):
 def run_diagnose(chosen: argparse.Namespace) -> None:
     """Diagnose, print the answer, write the report where a folder is named."""
     from leapgap import api
-    from leapgap.diagnosis.diagnose import Settings
     from leapgap.reports.diagnosis import SAVED_BY
-    from leapgap.settings import from_json
 
     if chosen.out is not None:
         check_output(chosen.out, SAVED_BY, (chosen.logs, chosen.robot), kept=True)
@@ -213,7 +253,7 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
         from leapgap.reports.viewer import viewer_folder
 
         viewer_folder()  # what is missing is said before the work begins
-    settings = from_json(Settings, chosen.settings) if chosen.settings else Settings()
+    settings = settings_of(chosen)
     effects, without = names_in(chosen.effects), names_in(chosen.without)
     with nullcontext(lambda _: None) if chosen.quiet else still_running(tell) as progress:
         robot = load_robot(chosen)
@@ -227,6 +267,88 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
 def names_in(text: str | None) -> list[str]:
     """Names in a list such as ``a,b``; none where there is no text."""
     return [name.strip() for name in (text or "").split(",") if name.strip()]
+
+
+def run_consequence(chosen: argparse.Namespace) -> None:
+    """Print what each cause of a report does to a policy."""
+    from leapgap.learning.consequence import PolicyMap, consequence, read_policy
+    from leapgap.settings import from_json
+    from leapgap.simulation.corrected import EFFECTS, read_corrected
+
+    map = from_json(PolicyMap, chosen.map)
+    folder = chosen.report if (chosen.report / EFFECTS).is_file() else chosen.report / "corrected"
+    robot, causes = read_corrected(folder)
+    network = read_policy(chosen.policy)
+    tell_result(chosen, lambda progress: consequence(robot, causes, network, map, progress))
+
+
+def run_judge(chosen: argparse.Namespace) -> None:
+    """Print what further logs say of each change of a corrected model."""
+    from leapgap import api
+
+    settings, robot = settings_of(chosen), robot_of(chosen)
+    tell_result(
+        chosen,
+        lambda progress: api.judge(chosen.correction, chosen.logs, robot, settings, progress, chosen.threads),
+    )
+
+
+def run_compare(chosen: argparse.Namespace) -> None:
+    """Print what changed between two sets of logs."""
+    from leapgap import api
+
+    settings, robot = settings_of(chosen), robot_of(chosen)
+    tell_result(
+        chosen, lambda progress: api.compare(chosen.before, chosen.after, robot, settings, progress, chosen.threads)
+    )
+
+
+def run_actuator_net(chosen: argparse.Namespace) -> None:
+    """Train a network for each joint group, print its error beside those of the joint PD and of named causes."""
+    from importlib.util import find_spec
+
+    from leapgap import api
+    from leapgap.runtime.output_folder import whole_folder
+    from leapgap.simulation.corrected import read_corrected
+
+    if find_spec("lightning") is None or find_spec("onnx") is None:
+        raise InputError("actuator-net", "no Lightning", "the extra learning", 'pip install "leapgap[learning]"')
+    if not 1e-5 <= chosen.step <= 1.0:
+        raise InputError("--step", f"{chosen.step:g} s", "0.00001 to 1 s", "name the physics step of your simulator")
+    from leapgap.learning.actuator_network import train_networks
+
+    check_output(chosen.out, NET, (chosen.logs, chosen.robot))
+    causes = None if chosen.report is None else read_corrected(chosen.report / "corrected")[1]
+    robot = robot_of(chosen)
+    with nullcontext(lambda _: None) if chosen.quiet else still_running(tell) as progress:
+        logs = api.read_logs(chosen.logs, robot=robot)
+        found = train_networks(logs, robot, causes, chosen.history, chosen.step, progress=progress)
+    with whole_folder(chosen.out, NET) as beside:
+        found.write(beside)
+    tell(found)
+    tell(f"networks: {chosen.out}")
+
+
+def tell_result(chosen: argparse.Namespace, work: Any) -> None:
+    """Print what ``work`` finds, and write it as JSON where a file is named."""
+    from leapgap.runtime.atomic_io import write_json
+
+    if chosen.json is not None and not chosen.json.parent.is_dir():
+        raise InputError(chosen.json, "no such folder", "a file in a folder that exists", "make the folder")
+    with nullcontext(lambda _: None) if chosen.quiet else still_running(tell) as progress:
+        found = work(progress)
+    tell(found)
+    if chosen.json is not None:
+        write_json(chosen.json, found.to_json())
+        tell(f"as data: {chosen.json}")
+
+
+def settings_of(chosen: argparse.Namespace) -> Any:
+    """Settings of a diagnosis from the file that a command names; those that were validated, if it names none."""
+    from leapgap.diagnosis.settings import Settings
+    from leapgap.settings import from_json
+
+    return from_json(Settings, chosen.settings) if chosen.settings else Settings()
 
 
 def print_written(folder: Path) -> None:

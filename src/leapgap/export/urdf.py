@@ -9,6 +9,7 @@ import numpy as np
 
 from leapgap.export.base import CorrectedRobot, Export, Numbers
 from leapgap.robot.model import Robot
+from leapgap.robot.rotations import matrix_of
 from leapgap.robot.urdf import is_urdf
 from leapgap.runtime.atomic_io import write_text
 
@@ -112,7 +113,7 @@ def tree_of(corrected: CorrectedRobot) -> ElementTree.Element:
     for body in robot.bodies:
         name, parent = corrected.body_names[body], int(model.body_parentid[body])
         above = corrected.body_names[parent] if parent else "world"
-        place, turn = model.body_pos[body] - offset[parent], rotation_of(model.body_quat[body])
+        place, turn = model.body_pos[body] - offset[parent], matrix_of(model.body_quat[body])
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         joints = [j for j in range(first, first + count) if model.jnt_type[j] != FREE]
         for j in joints:
@@ -152,7 +153,7 @@ def add_joint(
     else:
         turned = np.zeros(4)
         mujoco.mju_axisAngle2Quat(turned, axis, reference)
-        turn = turn @ rotation_of(turned)
+        turn = turn @ matrix_of(turned)
     kind = "prismatic" if slides else "revolute" if limited else "continuous"
     joint = ElementTree.SubElement(root, "joint", {"name": model.joint(j).name, "type": kind})
     add_links(joint, links)
@@ -201,7 +202,7 @@ def set_inertia(link: ElementTree.Element, numbers: Numbers, body: int, offset: 
     link.insert(0, inertial)
     ElementTree.SubElement(inertial, "origin", {"xyz": vector(numbers.body_ipos[body] - offset), "rpy": "0 0 0"})
     ElementTree.SubElement(inertial, "mass", {"value": number(numbers.body_mass[body])})
-    turn = rotation_of(numbers.body_iquat[body])
+    turn = matrix_of(numbers.body_iquat[body])
     tensor = turn @ np.diag(numbers.body_inertia[body]) @ turn.T
     add_tensor(inertial, tensor)
 
@@ -210,13 +211,6 @@ def add_tensor(inertial: ElementTree.Element, tensor: np.ndarray) -> None:
     """Add a tensor of inertia, (3, 3)."""
     names = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
     ElementTree.SubElement(inertial, "inertia", {name: number(tensor[at]) for name, at in names.items()})
-
-
-def rotation_of(quaternion: np.ndarray) -> np.ndarray:
-    """Rotation matrix of one quaternion w x y z, (3, 3)."""
-    matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, np.asarray(quaternion))
-    return matrix.reshape(3, 3)
 
 
 def child(element: ElementTree.Element, tag: str) -> ElementTree.Element:

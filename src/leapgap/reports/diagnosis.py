@@ -21,7 +21,9 @@ from leapgap.logs.cutting import at_least_two
 from leapgap.logs.log import Log
 from leapgap.logs.reach import without_false_stops
 from leapgap.logs.reading import Readings, read_folder
+from leapgap.logs.state import motion_of
 from leapgap.logs.stretches import choose_stretches
+from leapgap.robot.loop import Loop, robot_loop
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.robot.picture import robot_picture
@@ -48,7 +50,7 @@ PLACES_PRINTED = 4
 def check_viewer(name: str) -> None:
     """Raise ``InputError`` for a viewer that is none."""
     if name not in VIEWERS:
-        raise InputError("report.viewer", name, f"one of {', '.join(VIEWERS)}", "choose one of them")
+        raise InputError("viewer", name, f"one of {', '.join(VIEWERS)}", "choose one of them")
 
 
 @dataclass(frozen=True)
@@ -166,19 +168,20 @@ class Report:
         viewer inside the page.
         """
         with merged_folder(Path(folder), SAVED_BY, replaced=(CORRECTED, BEST)) as beside:
-            self.write(beside, viewer, robot_picture(self.robot, joints) if (joints := self.culprits) else None)
+            picture = robot_picture(self.robot, joints) if (joints := self.culprits) else None
+            self.write(beside, viewer, picture, self.loop())
             if self.record is not None:
                 self.record(self, beside / RECORDING)
         return Path(folder)
 
-    def write(self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None) -> None:
+    def write(self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None, loop: Loop | None = None) -> None:
         """Write ``report.json``, ``report.html``, ``corrected/`` and ``best/`` into a folder.
 
         ``best/`` is left out where no best simulator was asked for, or where it is the answer. ``viewer`` as of
-        ``save``; ``picture`` is a PNG of the robot for the page.
+        ``save``; ``picture`` is a PNG of the robot for the page, ``loop`` one of its motion.
         """
         self.write_data(folder)
-        self.write_page(folder, viewer, picture)
+        self.write_page(folder, viewer, picture, loop)
 
     @one_blas_thread()
     def write_data(self, folder: Path) -> None:
@@ -191,15 +194,27 @@ class Report:
             write_corrected(folder / BEST, self.robot, self.best)
 
     @one_blas_thread()
-    def write_page(self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None) -> None:
+    def write_page(
+        self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None, loop: Loop | None = None
+    ) -> None:
         """Write the page into a folder that has the data."""
         from leapgap.reports.report import html
 
-        if viewer not in VIEWERS:
-            raise InputError("viewer", viewer, f"one of {', '.join(VIEWERS)}", "choose one of them")
+        check_viewer(viewer)
         inside = self.embedded() if viewer == EMBEDDED else None
         replays, replayable = (self.nominal, self.corrected), (folder / CORRECTED / NOMINAL).is_file()
-        write_text(folder / PAGE, html(self.content, self.logs, self.robot, *replays, inside, replayable, picture))
+        page = html(self.content, self.logs, self.robot, *replays, inside, replayable, picture, loop)
+        write_text(folder / PAGE, page)
+
+    def loop(self) -> Loop | None:
+        """The log of median gap with its replays as a loop; None where the machine cannot draw or there is no gap."""
+        name = self.content.median_log
+        log = next(one for one in self.logs if one.name == name)
+        if self.verdict == "none":
+            return None
+        motions = [motion_of(log, self.robot), self.diagnosis.nominal[name]]
+        motions += [self.diagnosis.corrected[name]] if self.answer else []
+        return robot_loop(self.robot, log.time, [motion.qpos for motion in motions])
 
     def embedded(self) -> "EmbeddedViewer":
         """The viewer with the recording of this report."""

@@ -80,9 +80,9 @@ def horizons(report: ReportContent) -> go.Figure:
         line = {"color": colour, "width": 2, "dash": dash}
         figure.add_scatter(x=labels, y=values, name=name, mode="lines+markers", line=line)
     figure.update_layout(
-        height=330, margin={"l": 55, "r": 15, "t": 40, "b": 45}, legend={"orientation": "h", "y": 1.18, "x": 0}
+        height=300, margin={"l": 55, "r": 15, "t": 40, "b": 30}, legend={"orientation": "h", "y": 1.18, "x": 0}
     )
-    figure.update_xaxes(title_text="replays start anew from the log after", type="category")
+    figure.update_xaxes(type="category")
     ticks = round_numbers([value for _, _, _, values in curves for value in values if value > 0])
     figure.update_yaxes(title_text="gap", type="log", tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks])
     return figure
@@ -93,7 +93,7 @@ def round_numbers(values: Sequence[float]) -> list[float]:
     if not values:
         return []
     low, high = math.floor(math.log10(min(values))), math.ceil(math.log10(max(values)))
-    steps = (1, 2, 5) if high - low <= 2 else (1,)
+    steps = (1, 2, 5) if high - low <= 3 else (1,)
     return [step * 10.0**power for power in range(low, high + 1) for step in steps]
 
 
@@ -150,7 +150,7 @@ def closures(report: ReportContent) -> go.Figure:
         )
     )
     figure.update_layout(height=80 + 34 * len(causes), margin={"l": 170, "r": 20, "t": 10, "b": 45})
-    figure.update_xaxes(title_text="closed on logs not fitted on, % of the gap above noise")
+    figure.update_xaxes(title_text="closes, % of the gap above noise")
     return figure
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +22,7 @@ from leapgap.reports.diagnosis_figures import closures, gap_map, gap_per_log, ho
 from leapgap.reports.page import embed_json, render_page
 from leapgap.reports.similarity import similarity
 from leapgap.reports.tiles import tiles
+from leapgap.robot.loop import Loop
 from leapgap.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -39,19 +41,21 @@ def html(
     viewer: EmbeddedViewer | None = None,
     replayable: bool = True,
     picture: bytes | None = None,
+    loop: Loop | None = None,
 ) -> str:
     """The page as HTML text; equal reports give equal bytes. ``viewer`` is put inside, beside the plots.
 
     ``replayable``: whether leapgap takes the folder ``corrected`` beside the page as a robot. ``picture``:
-    a PNG of the robot.
+    a PNG of the robot; ``loop``: one of its motion.
     """
     figures = {
         "map": gap_map(report, robot, phase_names(logs)),
         "horizons": horizons(report),
         "closure": closures(report),
-        "profiles": profiles(report),
         "logs": gap_per_log(report),
     }
+    if report.profiles:
+        figures["profiles"] = profiles(report)
     config = report.provenance.config
     lengths = {name: config[name] for name in ("horizon_s", "every_s") if name in config}
     alike = similarity(report.causes, logs, robot, **lengths)
@@ -74,6 +78,7 @@ def html(
         viewer=viewer,
         replayable=replayable,
         picture=None if picture is None else b64encode(picture).decode(),
+        loop=None if loop is None else {**asdict(loop), "png": b64encode(loop.png).decode()},
         timeline=TIMELINE,
         channels=embed_json(json.dumps(channels, separators=(",", ":"), ensure_ascii=False), channels="all"),
         segments=[segment.name for segment in logs[0].info.segments],

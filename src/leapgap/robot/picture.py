@@ -22,7 +22,10 @@ BACKENDS = ("egl", "osmesa")
 SIZE, SECONDS = (480, 360), 60
 """Width and height, pixels, and time for the picture."""
 COLOUR, OTHERS = (0.89, 0.33, 0.18, 1.0), (0.62, 0.65, 0.70, 1.0)
-AZIMUTH, ELEVATION, DISTANCE = 130.0, -20.0, 1.6
+AZIMUTH, ELEVATION, DISTANCE = 130.0, -20.0, 1.35
+HALF = 0.6
+"""Share of the sphere about a shape that is sure to be seen."""
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def robot_picture(robot: Robot, joints: Sequence[str]) -> bytes | None:
@@ -30,20 +33,26 @@ def robot_picture(robot: Robot, joints: Sequence[str]) -> bytes | None:
 
     Where nothing of the robot is, the picture is transparent.
     """
-    asked = json.dumps({"path": str(robot.path.resolve()), "fix_base": robot.fix_base, "joints": list(joints)})
+    asked = {"path": str(robot.path.resolve()), "fix_base": robot.fix_base, "joints": list(joints)}
+    return drawn(__name__, json.dumps(asked).encode())
+
+
+def drawn(module: str, asked: bytes) -> bytes | None:
+    """The PNG that a module writes to standard output for what is asked on standard input; None where it cannot."""
     for backend in dict.fromkeys((os.environ.get("MUJOCO_GL", ""), *BACKENDS)):
         if backend not in BACKENDS:
             continue
         try:
             run = subprocess.run(
-                [sys.executable, "-m", __name__, asked],
+                [sys.executable, "-m", module],
                 env={**os.environ, "MUJOCO_GL": backend},
                 capture_output=True,
+                input=asked,
                 timeout=SECONDS,
             )
         except (OSError, subprocess.TimeoutExpired):
             return None
-        if run.returncode == 0 and run.stdout.startswith(b"\x89PNG"):
+        if run.returncode == 0 and run.stdout.startswith(SIGNATURE):
             return run.stdout
     return None
 
@@ -62,12 +71,8 @@ def draw(robot: Robot, joints: Sequence[str]) -> np.ndarray:
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_forward(model, data)
-    own = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom]]
-    places, sizes = data.geom_xpos[own], model.geom_rbound[own][:, None]
-    low, high = (places - sizes).min(axis=0), (places + sizes).max(axis=0)
-    camera = mujoco.MjvCamera()
-    camera.lookat[:], camera.distance = (low + high) / 2, DISTANCE * float(np.linalg.norm(high - low))
-    camera.azimuth, camera.elevation = AZIMUTH, ELEVATION
+    light(model)
+    camera = framing(model, data.qpos[None])
     with mujoco.Renderer(model, SIZE[1], SIZE[0]) as renderer:
         renderer.update_scene(data, camera)
         colours = renderer.render().copy()
@@ -77,21 +82,53 @@ def draw(robot: Robot, joints: Sequence[str]) -> np.ndarray:
     return np.dstack([colours, np.where(shown, 255, 0).astype(np.uint8)])
 
 
+def light(model: mujoco.MjModel) -> None:
+    """Light from everywhere, so that colours are what they are on light and dark pages."""
+    light = model.vis.headlight
+    light.ambient[:], light.diffuse[:], light.specular[:] = 0.55, 0.5, 0.1
+    model.light_active[:] = 0
+
+
+def framing(model: mujoco.MjModel, course: np.ndarray) -> mujoco.MjvCamera:
+    """A camera that sees the robot throughout a course of positions (frames, nq)."""
+    own, data = np.flatnonzero(model.geom_bodyid > 0), mujoco.MjData(model)
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for qpos in course[::3]:
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        half = HALF * model.geom_rbound[own, None]
+        low = np.minimum(low, (data.geom_xpos[own] - half).min(axis=0))
+        high = np.maximum(high, (data.geom_xpos[own] + half).max(axis=0))
+    camera = mujoco.MjvCamera()
+    camera.lookat[:], camera.distance = (low + high) / 2, DISTANCE * float(np.linalg.norm(high - low))
+    camera.azimuth, camera.elevation = AZIMUTH, ELEVATION
+    return camera
+
+
+def chunk(kind: bytes, content: bytes) -> bytes:
+    """A part of a PNG."""
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+
+def header(width: int, height: int) -> bytes:
+    """Signature and first part of a PNG with red, green, blue and opacity of eight bits."""
+    return SIGNATURE + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 6, 0, 0, 0))
+
+
+def compressed(pixels: np.ndarray) -> bytes:
+    """Pixels (height, width, 4) as a PNG holds them."""
+    return zlib.compress(b"".join(b"\0" + row.tobytes() for row in pixels), 9)
+
+
 def png(pixels: np.ndarray) -> bytes:
     """Pixels (height, width, 4) as PNG."""
-
-    def chunk(kind: bytes, content: bytes) -> bytes:
-        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
-
     height, width, _ = pixels.shape
-    rows = b"".join(b"\0" + row.tobytes() for row in pixels)
-    head = struct.pack(">IIBBBBB", width, height, 8, 6, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows, 9)) + chunk(b"IEND", b"")
+    return header(width, height) + chunk(b"IDAT", compressed(pixels)) + chunk(b"IEND", b"")
 
 
 def main() -> None:
-    """Write the picture that the argument asks for to standard output."""
-    asked = json.loads(sys.argv[1])
+    """Write the picture that standard input asks for to standard output."""
+    asked = json.loads(sys.stdin.buffer.read())
     robot = Robot.load(Path(asked["path"]), fix_base=asked["fix_base"])
     sys.stdout.buffer.write(png(draw(robot, asked["joints"])))
 

@@ -2,6 +2,7 @@
 
 import math
 
+import mujoco
 import numpy as np
 
 
@@ -81,3 +82,10 @@ def continuous(quaternion: np.ndarray) -> np.ndarray:
     if not (products < 0).any():
         return quaternion
     return quaternion * np.concatenate([[1.0], np.cumprod(np.where(products < 0, -1.0, 1.0))])[:, None]
+
+
+def matrix_of(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation matrix of one quaternion w x y z, (3, 3)."""
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, np.asarray(quaternion))
+    return matrix.reshape(3, 3)

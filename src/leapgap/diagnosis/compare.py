@@ -1,0 +1,261 @@
+"""What changed between two sets of logs of one robot: before and after a load, a repair, a specimen.
+
+Errors of the model that both sets share are columns that both share, with wide priors, so that they cancel. A
+difference is a column of the later set alone, with a narrow prior: it is named where nothing shared can explain it.
+Errors that a search finds in all logs act in the replays, so that all is linear about a robot near the true one.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from leapgap.diagnosis.candidates import split_numbers
+from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, Search, few_of_each
+from leapgap.diagnosis.engine.verdict import UNNAMED
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.judge import numbered
+from leapgap.diagnosis.paired_evidence import Paired
+from leapgap.diagnosis.refereed_logs import RefereedLogs
+from leapgap.diagnosis.settings import Settings
+from leapgap.effects.base import Effect
+from leapgap.errors import InputError
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+
+BEFORE, AFTER = "before", "after"
+CLOSELY = 3
+"""Number of differences that are replayed in each round."""
+ROUNDS = 3
+"""Most rounds in which the numbers of differences settle."""
+SETTLED = 0.2
+"""As in the search: no number moves by more than this share of its standard deviation."""
+MODEL_ERROR = 0.08
+"""Relative error of a difference because the simulation differs from the robot, in its interval."""
+MORE = 2.0
+"""A force without a name is new where it is this many times stronger after."""
+SHOWN = 8
+"""Number of smallest changes that are told."""
+
+
+@dataclass(frozen=True)
+class Difference(Hypothesis):
+    """An effect that acts on the later logs alone."""
+
+    after: frozenset[str] = field(default=frozenset(), compare=False)
+
+    @staticmethod
+    def of(hypothesis: Hypothesis, after: frozenset[str]) -> "Difference":
+        """The difference by a hypothesis."""
+        return Difference(hypothesis.kind, hypothesis.robot, hypothesis.location, None, after)
+
+    def on(self, log: str, numbers: np.ndarray) -> Effect:
+        """The effect on one log: nominal before."""
+        return super().on(log, numbers if log in self.after else self.nominal)
+
+
+@dataclass(frozen=True)
+class Told:
+    """Differences with what the logs say of them."""
+
+    paired: Paired
+    members: tuple[Hypothesis, ...]
+    """What acts in all logs, and differences."""
+    numbers: np.ndarray
+    covariance: np.ndarray
+    worth: float
+    """Log probability of each fold by the others, summed, less what each number has to gain, nats."""
+
+    @staticmethod
+    def of(paired: Paired, further: Sequence[Hypothesis] = ()) -> "Told":
+        """The numbers of the acting and of further differences."""
+        sums = paired.sums(further)
+        paired = paired.with_levels(sums)
+        whole, first = paired.posterior(sums), paired.shared + len(paired.point.basis.deviation)
+        held_out = [paired.posterior(sums, paired.folds != fold).evidence for fold in np.unique(paired.folds)]
+        acting = paired.point.acting
+        at = np.concatenate([np.zeros(0), *(n for _, n in acting), *(h.nominal for h in further)])
+        members = (*(h for h, _ in acting), *further)
+        worth = sum(whole.evidence - one for one in held_out) - LEAST_GAIN * len(at)
+        return Told(paired, members, at + whole.mean[first:], whole.covariance[first:, first:], worth)
+
+    def settled(self) -> "Told":
+        """The same at the numbers that its own replays give."""
+        found = self
+        for _ in range(ROUNDS):
+            parts = split_numbers(found.members, found.numbers)
+            acting = tuple((h, h.clip(n)) for h, n in zip(found.members, parts, strict=True))
+            before = np.concatenate([n for _, n in acting])
+            found = Told.of(found.paired.moved(acting))
+            spread = np.sqrt(np.diag(found.covariance))
+            if (np.abs(found.numbers - before) <= SETTLED * spread + 1e-3 * np.abs(before)).all():
+                break
+        return found
+
+    def gains(self, hypotheses: Sequence[Hypothesis], without: Sequence[int] = ()) -> list[tuple[float, Hypothesis]]:
+        """Evidence that each further difference alone would gain, nats, the best first; in closed form."""
+        paired, left = self.paired, self.left(without)
+        size = paired.point.evidence.gram.shape[2] - 1
+        found = []
+        for h in hypotheses:
+            part = np.zeros((len(left) - 1, len(h.parameters)))
+            for k, own in enumerate(np.abs(h.moderate)):
+                part[[size + i for i in paired.point.basis.columns.at(h, k)], k] = own
+            normal, slope = np.eye(part.shape[1]) + part.T @ left[1:, 1:] @ part, part.T @ left[1:, 0]
+            gain = 0.5 * slope @ np.linalg.solve(normal, slope) - 0.5 * np.linalg.slogdet(normal)[1]
+            found.append((float(gain), h))
+        return sorted(found, key=lambda pair: -pair[0])
+
+    def left(self, without: Sequence[int] = ()) -> np.ndarray:
+        """Inner products less what the shared columns, nuisances and acting differences can do for them."""
+        paired, evidence = self.paired, self.paired.point.evidence
+        transform, deviation, centre = paired.sums((), without)
+        gram = paired.extended(evidence.total(), evidence.total(paired.after)[0])
+        shifted = np.eye(len(gram))
+        shifted[1:, 0] = -(transform @ centre)
+        gram = shifted.T @ gram @ shifted
+        scaled = transform * deviation
+        cross = gram[:, 1:] @ scaled
+        normal = np.eye(len(deviation)) + scaled.T @ gram[1:, 1:] @ scaled
+        return np.asarray(gram - cross @ np.linalg.solve(normal, cross.T))
+
+    def without_idle(self) -> "Told":
+        """The same without differences that the others have made needless."""
+        found = self
+        while len(found.differences) > 1:
+            parts = list(zip(found.members, split_numbers(found.members, found.numbers), strict=True))
+            fewer = [[(h, h.clip(n)) for k, (h, n) in enumerate(parts) if k != m] for m in found.differences]
+            best = max((Told.of(found.paired.moved(tuple(one))) for one in fewer), key=lambda one: one.worth)
+            if best.worth < found.worth:
+                break
+            found = best
+        return found
+
+    @property
+    def differences(self) -> list[int]:
+        """Indices of the members that are differences."""
+        return [m for m, h in enumerate(self.members) if isinstance(h, Difference)]
+
+    def rivals(self, member: int, hypotheses: Sequence[Hypothesis]) -> tuple[str, ...]:
+        """Effects that could as well have changed in place of a member."""
+        paired, own = self.paired, self.members[member]
+        lost = paired.posterior(paired.sums()).evidence - paired.posterior(paired.sums((), [member])).evidence
+        near = [h for gain, h in self.gains(hypotheses, [member]) if gain > lost - LEAST_GAIN and h.label != own.label]
+        return tuple(h.label for h in few_of_each(near, 1))
+
+
+@dataclass(frozen=True)
+class Changed:
+    """One effect that acts after and not before, or by another amount."""
+
+    label: str
+    says: str
+    """With its numbers, after less before."""
+    ci95: tuple[tuple[float, float], ...]
+    """Of each number, after less before."""
+    rivals: tuple[str, ...]
+    """Other effects that could as well have changed."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What changed between two sets of logs."""
+
+    changed: tuple[Changed, ...]
+    unnamed: tuple[float, float]
+    """Evidence of a force without a name before and after, nats for each 0.1 s."""
+    smallest: dict[str, str]
+    """Smallest change of single effects at the whole robot that these logs would have shown."""
+    logs: tuple[int, int]
+
+    @property
+    def unknown_change(self) -> bool:
+        """Whether something without a name acts after, and not before."""
+        before, after = self.unnamed
+        return after > UNNAMED and after > MORE * before
+
+    def to_json(self) -> dict[str, Any]:
+        """All of it as JSON."""
+        return {**asdict(self), "unknown_change": self.unknown_change}
+
+    def __str__(self) -> str:
+        """Lines for a person."""
+        lines = [f"{self.logs[0]} logs before, {self.logs[1]} after"]
+        lines += [f"changed: {', or '.join([one.says, *one.rivals])}" for one in self.changed]
+        if self.unknown_change:
+            lines.append("changed: something without a name acts after, and not before")
+        if len(lines) == 1:
+            lines.append("nothing changed that these logs tell; they would have shown")
+            lines += [f"  {label} ({size})" for label, size in self.smallest.items()]
+        return "\n".join(lines)
+
+
+def compare_logs(
+    before: Sequence[Log],
+    after: Sequence[Log],
+    robot: Robot,
+    settings: Settings | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+    threads: int | None = None,
+) -> Comparison:
+    """What changed between two sets of logs of one robot, whatever its model is wrong by in both."""
+    for name, own in ((BEFORE, before), (AFTER, after)):
+        if len(own) < 2:
+            raise InputError(name, f"{len(own)} log", "two or more", "log further motions of the same kind")
+    sets = [(f"{name}: {log.name}", log) for name, own in ((BEFORE, before), (AFTER, after)) for log in own]
+    logs = [replace(log, name=name) for name, log in sets]
+    of = RefereedLogs.of("compare", logs, robot, settings or Settings(), threads)
+    progress(f"{len(before)} logs before, {len(after)} after")
+    point = of.bench.nominal()
+    later = point.evidence.log_of_block >= len(before)
+    # Each fold leaves out logs of both sets.
+    fold = np.concatenate([np.arange(len(before)), np.arange(len(after))]) % min(len(before), len(after), 4)
+    shared = Search(of.bench, of.folds, lambda line: progress(f"in all logs: {line}")).ascend(point)[-1].point
+    told = Told.of(Paired(of.bench, shared, later, fold[point.evidence.log_of_block]))
+    names = frozenset(log.name for log in logs[len(before) :])
+    differences = [Difference.of(h, names) for h in of.bench.hypotheses]
+    while len(told.differences) < MOST_CAUSES:
+        worth = [
+            h
+            for gain, h in told.gains(differences)
+            if gain > LEAST_GAIN and h.label not in {told.members[m].label for m in told.differences}
+        ]
+        linear = [Told.of(told.paired, [h]) for h in few_of_each(worth, 2)[: 2 * CLOSELY]]
+        tried = [one.settled() for one in sorted(linear, key=lambda one: -one.worth)[:CLOSELY]]
+        best = max(tried, key=lambda one: one.worth, default=told)
+        if best.worth <= told.worth:
+            break
+        progress(f"changed: {best.members[-1].label}")
+        told = best.without_idle()
+    return comparison_of(told, differences, (len(before), len(after)))
+
+
+def comparison_of(told: Told, differences: Sequence[Difference], logs: tuple[int, int]) -> Comparison:
+    """What is told of the differences, and what would have been told."""
+    paired, parts = told.paired, split_numbers(told.members, told.numbers)
+    spreads = split_numbers(told.members, np.sqrt(np.diag(told.covariance)))
+    changed = []
+    for m in told.differences:
+        h, numbers, own = told.members[m], parts[m], spreads[m]
+        spread = 1.96 * np.hypot(own, MODEL_ERROR * np.abs(numbers - h.nominal))
+        interval = tuple((float(n - s), float(n + s)) for n, s in zip(numbers - h.nominal, spread, strict=True))
+        changed.append(Changed(h.label, numbered(h, numbers), interval, told.rivals(m, differences)))
+    by_level = paired.by_level(paired.sums())
+    unnamed = by_level.max(axis=0) - by_level[0]
+    sides = tuple(float(unnamed[of].mean()) for of in (~paired.after, paired.after))
+    return Comparison(tuple(changed), sides, smallest(told, differences), logs)  # type: ignore[arg-type]
+
+
+def smallest(told: Told, differences: Sequence[Difference]) -> dict[str, str]:
+    """Smallest changes of effects with one number, at the whole robot, that would have gained enough to be named."""
+    left, size, found = told.left(), told.paired.point.evidence.gram.shape[2] - 1, {}
+    for h in (h for h in differences if h.location == "all" and len(h.parameters) == 1):
+        part = np.zeros(len(left) - 1)
+        part[[size + i for i in told.paired.point.basis.columns.at(h, 0)]] = 1
+        known = float(part @ left[1:, 1:] @ part)
+        if known > 0:
+            found[h] = np.sqrt(2 * LEAST_GAIN / known)
+    clear = sorted(found, key=lambda h: found[h] / abs(h.moderate[0]))
+    sizes = {h.label: f"{h.parameters[0].name} {found[h]:.2g} {h.parameters[0].unit}" for h in clear[:SHOWN]}
+    return {label: size.removesuffix(" 1") for label, size in sizes.items()}

@@ -1,0 +1,287 @@
+"""A referee for anybody's correction: which of its changes logs support that it was not fitted on.
+
+Each change of the corrected model to the nominal one is an effect with one number, the share of it that acts: 0 is the
+nominal robot, 1 the correction. The engine's evidence tells the share, while all other changes have shares of their own
+and further effects may act that the correction lacks.
+"""
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from leapgap.diagnosis.candidates import split_numbers
+from leapgap.diagnosis.engine.points import ABSENT
+from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, Found, Search, few_of_each, screen
+from leapgap.diagnosis.engine.verdict import UNNAMED
+from leapgap.diagnosis.hypotheses import Hypothesis, places
+from leapgap.diagnosis.refereed_logs import AtHorizon, RefereedLogs
+from leapgap.diagnosis.settings import Settings
+from leapgap.effects.base import Effect, Parameter
+from leapgap.effects.drive import Drive
+from leapgap.effects.model_change import FIELDS, MOST, StatedChange
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+
+SUPPORTED, ANOTHER, UNSUPPORTED, UNTOLD = "supported", "another number", "not supported", "not told"
+MODEL_ERROR = 0.1
+"""Standard deviation of a share that no logs make smaller: simulations differ from robots."""
+SURE = 3.0
+"""Standard deviations by which a share is told from 0 and from 1."""
+MADE_UP = 2.0
+"""A change makes up for an effect without which it is worth this many times more."""
+CLOSELY = 3
+"""Number of further effects that are replayed in each round."""
+
+
+@dataclass(frozen=True)
+class Change(Hypothesis):
+    """A change as a hypothesis, whose one number is the share of it that acts."""
+
+    stated: StatedChange | None = field(default=None, compare=False)
+
+    @staticmethod
+    def of(stated: StatedChange, robot: Robot) -> "Change":
+        """The hypothesis of a change."""
+        return Change(type(stated.effect), robot, stated.effect.location, None, stated)
+
+    @property
+    def name(self) -> str:
+        """The title of the change, so that it hides no effect."""
+        assert self.stated is not None
+        return self.stated.title
+
+    @property
+    def label(self) -> str:
+        """The title of the change."""
+        return self.name
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The share."""
+        return (Parameter("share", "1", 0.0, 0.0, MOST, 1.0),)
+
+    def values(self, log: str, numbers: np.ndarray) -> dict[str, float]:
+        """Values of the effect at a share."""
+        assert self.stated is not None
+        own = self.stated.effect.values
+        return {
+            p.name: p.nominal + float(numbers[0]) * (own.get(p.name, p.nominal) - p.nominal)
+            for p in self.effect_parameters
+        }
+
+
+@dataclass(frozen=True)
+class JudgedChange:
+    """What logs say of one change."""
+
+    title: str
+    says: str
+    verdict: str
+    """``supported``, ``another number`` of it, ``not supported`` or ``not told`` by these logs."""
+    share: float
+    """Share of the change that the logs support, 1 if all of it."""
+    share_ci95: tuple[float, float]
+    gain: float
+    """Evidence of the whole change over none of it, nats, beside the other changes and what else acts."""
+    instead: str | None
+    """The effect that takes its place better: what the change makes up for."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What logs say of a correction."""
+
+    changes: tuple[JudgedChange, ...]
+    further: tuple[str, ...]
+    """Effects that act besides, with their numbers."""
+    unnamed: float
+    """Evidence of a force without a name beside all that, nats for each 0.1 s."""
+    horizons: tuple[AtHorizon, ...]
+    remains: Mapping[str, float]
+    """Channels with their shares of the squared gap that the correction leaves, the largest first."""
+    logs: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """All of it as JSON."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        """Lines for a person."""
+        width = max((len(one.title) for one in self.changes), default=0)
+        lines = [*self.notes, f"judged on {len(self.logs)} logs:"]
+        for one in self.changes:
+            low, high = one.share_ci95
+            told = f"{one.verdict}; share {one.share:.2f} ({low:.2f} to {high:.2f}), {one.gain:+.0f} nats"
+            lines.append(f"  {one.title:<{width}}  {one.says}: {told}")
+            if one.instead:
+                lines.append(f"  {'':<{width}}  makes up for {one.instead}")
+        lines += [] if self.changes else ["  the two models do not differ in anything that is judged"]
+        lines.append(f"acts besides: {', '.join(self.further) or 'nothing that is known'}")
+        if self.unnamed > UNNAMED:
+            lines.append(f"something without a name acts, too ({self.unnamed:.0f} nats for each 0.1 s)")
+        lines += ["error        nominal  corrected  frozen robot"]
+        for at in self.horizons:
+            when = "whole logs" if at.horizon_s is None else f"after {at.horizon_s:g} s"
+            lines.append(f"{when:<11}  {at.nominal:7.3f}  {at.corrected:9.3f}  {at.frozen:12.3f}")
+        shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in [*self.remains.items()][:3])
+        return "\n".join([*lines, f"what remains of the error is of {shares}"])
+
+
+def change_of_effect(effect: Effect, robot: Robot) -> StatedChange:
+    """An effect of a report as a change."""
+    own = effect.values
+    told = [
+        f"{p.name} {p.nominal:.4g} → {own.get(p.name, p.nominal):.4g}"
+        for p in effect.parameters(robot, effect.location)
+    ]
+    return StatedChange(Hypothesis(type(effect), robot, effect.location).label, ", ".join(told), effect)
+
+
+def judge_correction(
+    logs: Sequence[Log],
+    robot: Robot,
+    stated: Sequence[StatedChange],
+    settings: Settings | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+    threads: int | None = None,
+    notes: Sequence[str] = (),
+) -> Judgement:
+    """Judge the changes that somebody's correction makes to a nominal robot, on logs it was not fitted on."""
+    logs_of = RefereedLogs.of("judge", logs, robot, settings or Settings(), threads)
+    search = Search(logs_of.bench, logs_of.folds, progress)
+    changes = [Change.of(one, robot) for one in stated]
+    progress(f"{len(logs)} logs, {len(changes)} changes")
+    start = logs_of.bench.nominal()
+    if changes:
+        acting = tuple((change, np.ones(1)) for change in changes)
+        start = logs_of.bench.moved(start.intervals, start.basis, acting)
+    found = with_further(search, search.settle(search.judge(start)), changes)
+    told = [judge_change(search, found, len(changes), k) for k in range(len(changes))]
+    further = zip(found.members, split_numbers(found.members, found.numbers), strict=True)
+    whole = tuple(one.effect for one in stated)
+    remains, horizons = logs_of.errors_left(whole)
+    return Judgement(
+        tuple(told),
+        tuple(numbered(h, numbers) for h, numbers in list(further)[len(changes) :]),
+        found.unnamed / len(found.point.evidence.levels),
+        horizons,
+        remains,
+        tuple(log.name for log in logs),
+        tuple(notes),
+    )
+
+
+def with_further(search: Search, found: Found, changes: Sequence[Change]) -> Found:
+    """The changes with the further effects that act beside them, whatever share of each change acts.
+
+    An effect that touches a number that a change touches is none of these: the share of the change stands for it.
+    """
+    taken = {one for change in changes for one in touched(change, change.robot)}
+    while len(found.members) < len(changes) + MOST_CAUSES:
+        worth = [h for gain, h in screen(found.point) if gain > LEAST_GAIN]
+        worth = [h for h in few_of_each(worth, 2) if not taken & touched(h, h.robot)]
+        linear = sorted((search.judge(found.point, [h]) for h in worth[: 2 * CLOSELY]), key=lambda one: -one.worth)
+        tried = [search.settle(one) for one in linear[:CLOSELY]]
+        best = max(tried, key=lambda one: one.worth, default=found)
+        if best.worth <= found.worth:
+            break
+        search.progress(f"besides: {best.members[-1].label}")
+        found = best
+    return found
+
+
+def touched(hypothesis: Hypothesis, robot: Robot) -> set[tuple[str, int | str]]:
+    """Which numbers of the robot an effect changes: fields of the model and of the motors, with their rows."""
+    numbers = hypothesis.moderate + hypothesis.nominal
+    effect = hypothesis.on("", numbers)
+    single = places(hypothesis.kind, robot).get(hypothesis.location, (hypothesis.location,))
+    kind = hypothesis.kind.name
+    found: set[tuple[str, int | str]] = {(kind, place) for place in single if hypothesis.kind.places != "none"}
+    found |= changed_numbers(effect, robot)
+    return found or {(kind, "all")}
+
+
+def changed_numbers(effect: Effect, robot: Robot) -> set[tuple[str, int | str]]:
+    """Fields of the compiled model and of the motors that an effect changes, with their rows."""
+    found: set[tuple[str, int | str]] = set()
+    if effect.structure is None:
+        model = copy.copy(robot.model)
+        effect.change_model(model, robot)
+        for name in ("body_mass", "body_ipos", "body_inertia", *FIELDS):
+            if name.startswith("opt."):
+                own, other = (np.atleast_1d(getattr(m.opt, name.removeprefix("opt."))) for m in (robot.model, model))
+                found |= {(name, 0)} if (own != other).any() else set()
+                continue
+            own, other = getattr(robot.model, name), getattr(model, name)
+            rows = (own != other).reshape(len(own), -1).any(axis=1)
+            found |= {(name, int(row)) for row in np.flatnonzero(rows)}
+    ideal = Drive.ideal(len(robot.joints))
+    drive = effect.change_drive(ideal, robot)
+    for name, own in vars(ideal).items():
+        other = getattr(drive, name)
+        found |= {(name, int(j)) for j in np.flatnonzero((own != other) & ~(np.isnan(own) & np.isnan(other)))}
+    return found
+
+
+def evidence_at(
+    found: Found, member: int, value: float | None, without: Sequence[int] = ()
+) -> tuple[float, float, float]:
+    """Evidence of a set with the share of one change at a value (None: free), and the share's mean and deviation.
+
+    The other numbers of the set are free; members ``without`` are at nominal.
+    """
+    deviation, centre = found.point.priors((), without)
+    first = found.point.nuisances + sum(len(h.parameters) for h in found.members[:member])
+    at = found.point.acting[member][1][0]
+    if value is not None:
+        deviation[first], centre[first] = ABSENT, value - at
+    posterior = found.point.evidence.posterior(deviation, centre)
+    return posterior.evidence, at + posterior.mean[first], float(np.sqrt(posterior.covariance[first, first]))
+
+
+def gain_of(found: Found, member: int, without: Sequence[int] = ()) -> float:
+    """Evidence of a whole change over none of it, nats."""
+    return evidence_at(found, member, 1.0, without)[0] - evidence_at(found, member, 0.0, without)[0]
+
+
+def worth_of(found: Found, member: int, without: Sequence[int] = ()) -> float:
+    """Evidence of the likeliest share of a change over none of it, nats."""
+    return evidence_at(found, member, None, without)[0] - evidence_at(found, member, 0.0, without)[0]
+
+
+def judge_change(search: Search, found: Found, changes: int, k: int) -> JudgedChange:
+    """What the logs say of one change, beside the others and what else acts."""
+    change = found.members[k]
+    assert isinstance(change, Change)
+    free, share, deviation = evidence_at(found, k, None)
+    none, gain = evidence_at(found, k, 0.0)[0], gain_of(found, k)
+    spread = float(np.hypot(deviation, MODEL_ERROR))
+    if free - none < LEAST_GAIN:
+        verdict = UNSUPPORTED if 1 - share > SURE * spread else UNTOLD
+    elif abs(share - 1) <= SURE * spread and gain > LEAST_GAIN:
+        verdict = SUPPORTED
+    else:
+        verdict = ANOTHER if share > SURE * spread else UNSUPPORTED
+    instead = None
+    if verdict in (ANOTHER, UNSUPPORTED):
+        worth = {m: worth_of(search.judge(found.point, (), [m]), k, [m]) for m in range(changes, len(found.members))}
+        most = max(worth, key=lambda m: worth[m], default=-1)
+        if most >= 0 and worth[most] > max(LEAST_GAIN, MADE_UP * (free - none)):
+            instead = numbered(found.members[most], split_numbers(found.members, found.numbers)[most])
+    assert change.stated is not None
+    interval = (share - 1.96 * spread, share + 1.96 * spread)
+    return JudgedChange(change.name, change.stated.says, verdict, share, interval, gain, instead)
+
+
+def numbered(hypothesis: Hypothesis, numbers: np.ndarray) -> str:
+    """``joint_friction at elbow, torque_nm 1.02 N·m``"""
+    own = hypothesis.clip(numbers)
+    told = ", ".join(
+        f"{p.name} {n:.3g} {p.unit}".removesuffix(" 1") for p, n in zip(hypothesis.parameters, own, strict=True)
+    )
+    return f"{hypothesis.label} ({told})"

@@ -1,0 +1,53 @@
+"""What changed between two sets of logs, of arms that plain MuJoCo simulates, whose model is wrong in both."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import leapgap as lg
+from leapgap.cli import main
+from leapgap.robot.model import Robot
+from tests import plain_arm
+
+STICKY, STICKIER = (f'damping="0.05" frictionloss="{torque}"' for torque in (0.6, 0.9))
+"""The model has no dry friction at all."""
+
+
+def logs_of(folder: Path, before: str, after: str) -> tuple[Path, Path]:
+    """Two logs each, of motions that are not repeated."""
+    return plain_arm.write_parquet(folder / "a", 2, before), plain_arm.write_parquet(folder / "b", 2, after, 10)
+
+
+@pytest.mark.long
+def test_an_error_that_both_sets_share_is_no_change(tmp_path: Path) -> None:
+    robot = Robot.load(plain_arm.write_model(tmp_path))
+    before, after = logs_of(tmp_path, plain_arm.arm(STICKY), plain_arm.arm(STICKY))
+    found = lg.compare(before, after, robot, threads=1)
+    assert found.changed == ()
+    assert not found.unknown_change
+    friction = float(found.smallest["joint_friction"].removeprefix("torque_nm ").removesuffix(" N·m"))
+    assert friction < 0.1  # a third of the change below, which is named
+
+
+@pytest.mark.long
+def test_what_changed_is_named_by_how_much_and_not_what_both_lack(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = plain_arm.write_model(tmp_path)
+    before, after = logs_of(tmp_path, plain_arm.arm(STICKY), plain_arm.arm(STICKIER))
+    file = tmp_path / "changed.json"
+    assert main(["compare", str(before), str(after), str(model), "--json", str(file), "--quiet"]) == 0
+    assert "changed: joint_friction at elbow (torque_nm 0.3" in capsys.readouterr().out
+    (change,) = json.loads(file.read_text())["changed"]
+    (low, high) = change["ci95"][0]
+    assert low < 0.3 < high
+    assert high - low < 0.15
+
+
+def test_a_single_log_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = plain_arm.write_model(tmp_path)
+    logs = plain_arm.write_parquet(tmp_path / "logs", 2)
+    one = plain_arm.write_parquet(tmp_path / "one", 1)
+    assert main(["compare", str(one), str(logs), str(model)]) == 2
+    assert "before: found 1 log; expected two or more" in capsys.readouterr().err
