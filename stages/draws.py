@@ -1,4 +1,4 @@
-"""Several draws of landings as one file of figures, and tables of docs/research/experiments.md, as `make kicked` has them.
+"""Several draws of landings as one file of figures, and tables of docs/research/experiments.md, by `make kicked`.
 
 The first word is the folder of the runs of ``stages.land``, each with a seed of its own; the second is the file.
 
