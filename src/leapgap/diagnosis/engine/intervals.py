@@ -5,8 +5,9 @@ interval is what the model lacks there. Effects change that by amounts that are 
 All states are as the log reports them: what acts in the sensors alone is a change of the reported state.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
@@ -224,7 +225,9 @@ class Intervals:
     def _reached(self, log: int, effects: Effects, late: np.ndarray) -> Motion:
         """States at the end of every interval of a log, by effects from the reference less ``late``, and with it."""
         own = self.courses[log]
-        reached = roll([(self.prepare(log, effects), np.arange(own.intervals))], self._true_starts(own, late))[:, 0]
+        with Models(self.replayer) as models:
+            prepared = self.prepare(log, effects, models)
+            reached = roll([(prepared, np.arange(own.intervals))], self._true_starts(own, late))[:, 0]
         return displaced(reached, late[own.begins + 1], self.robot) if late.any() else reached
 
     def _true_starts(self, own: Course, late: np.ndarray) -> np.ndarray:
@@ -291,9 +294,10 @@ class Intervals:
         """Replays of several intervals from the true states of what acts."""
         own = self.courses[log]
         starts = self._true_starts(own, self.misreported(log, self.acting[log]))[begins]
-        return roll([(self.prepare(log, effects, self._span(log)), begins)], starts)
+        with Models(self.replayer) as models:
+            return roll([(self.prepare(log, effects, models, self._span(log)), begins)], starts)
 
-    def prepare(self, log: int, effects: Effects, span: int = 1) -> "PreparedIntervals":
+    def prepare(self, log: int, effects: Effects, models: "Models", span: int = 1) -> "PreparedIntervals":
         """The intervals of a log by a robot with some effects, ready for replays of ``span`` intervals each."""
         own, replayer = self.courses[log], self.replayer
         trial = Rollout(own.states.log, effects, measured=own.states.motion)
@@ -307,13 +311,29 @@ class Intervals:
         controls = replayer.step_controls(trial, steps, when)
         gains = joint_gains(trial.log, self.robot)[own.rows[own.begins]]
         _, rows, which = np.unique(gains, axis=0, return_index=True, return_inverse=True)
-        models = [replayer.model(trial, row=int(own.rows[own.begins[row]])) for row in rows]
-        return PreparedIntervals(replayer, trial, models, which.ravel(), controls, steps_until)
+        lent = [models.of(trial, int(own.rows[own.begins[row]])) for row in rows]
+        return PreparedIntervals(replayer, trial, lent, which.ravel(), controls, steps_until)
 
 
 def moving(effects: Effects) -> Effects:
     """Those effects that change the true motion."""
     return tuple(effect for effect in effects if any(overrides(type(effect), method) for method in ACTING))
+
+
+class Models(ExitStack):
+    """Working models that are lent for the time of a block, one for all trials whose models are equal."""
+
+    def __init__(self, replayer: Replayer) -> None:
+        super().__init__()
+        self.replayer = replayer
+        self.kept: dict[Hashable, mujoco.MjModel] = {}
+
+    def of(self, trial: Rollout, row: int) -> mujoco.MjModel:
+        """The model of a trial in a row of its log."""
+        (key,) = self.replayer.alike(trial, [row])
+        if key not in self.kept:
+            self.kept[key] = self.enter_context(self.replayer.working_model(trial, row)).model
+        return self.kept[key]
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ from leapgap.simulation.rollout import joint_commands
 
 POSITION_STEP, VELOCITY_STEP = 2e-4, 1e-2
 """Displacements by which transitions are differenced: m and rad, m/s and rad/s, about the noise of good sensors."""
+MANY_STEPS = 16
+"""Number of steps of the simulation in an interval that may be twice as long for derivatives."""
 LEAST_TORQUE = 1e-3
 """Smallest unit of force, N or N·m."""
 SHARE = 0.1
@@ -24,9 +26,9 @@ SHARE = 0.1
 
 
 def rough_steps(intervals: Intervals) -> Intervals:
-    """The intervals by long steps of the simulation; those of a held robot keep theirs, which are short already."""
+    """The intervals by long steps of the simulation; those of a held robot keep theirs where there are few in each."""
     replayer = intervals.replayer
-    if not intervals.robot.has_free_base:
+    if not intervals.robot.has_free_base and intervals.interval_s < MANY_STEPS * replayer.largest_step_s:
         return intervals
     return replace(intervals, replayer=replayer.with_steps(ROUGH * replayer.largest_step_s))
 
@@ -153,7 +155,7 @@ class Columns:
         robot, intervals = intervals.robot, rough_steps(intervals)
         kinds = {h.name: h for h in hypotheses}
         members = {(name, at): of for name, h in kinds.items() for at, of in places(h.kind, robot).items()}
-        contexts = [force_context(intervals, log) for log in range(len(intervals.courses))]
+        context, ends = force_context(intervals), np.cumsum([own.intervals for own in intervals.courses])
         keys: list[ColumnKey] = []
         found: list[Sequence[np.ndarray]] = []
         replayed: list[tuple[list[int], Hypothesis, int]] = []
@@ -166,17 +168,17 @@ class Columns:
                 assert known is not None
                 found += [[own[:, :, known.keys.index(key)] for own in known.values] for key in new]
                 continue
-            forces = [None if h.kind.along_joints else closed_form(h.kind, single, at) for at in contexts]
-            if forces[0] is not None:
-                found += [
-                    [
-                        of_force(linearisation, log, own[i])
-                        + misreported(intervals, linearisation, log, replace(h, location=key.place), key.number)
-                        for log, own in enumerate(forces)
-                        if own is not None
-                    ]
-                    for i, key in enumerate(new)
-                ]
+            forces = None if h.kind.along_joints else closed_form(h.kind, single, context)
+            if forces is not None:
+                for key, force in zip(new, forces, strict=True):
+                    there, of_logs = replace(h, location=key.place), np.split(force, ends[:-1])
+                    found.append(
+                        [
+                            of_force(linearisation, log, own)
+                            + misreported(intervals, linearisation, log, there, key.number)
+                            for log, own in enumerate(of_logs)
+                        ]
+                    )
                 continue
             found += [[] for _ in new]
             for k in numbers:
@@ -233,24 +235,29 @@ def shared(change: np.ndarray, responses: np.ndarray) -> np.ndarray:
     return np.asarray(responses * torque[:, None, :, 0])
 
 
-def force_context(intervals: Intervals, log: int) -> ForceContext:
-    """The motion of a log's replays in the middle of each interval, with the mean commands."""
-    own, robot, nv = intervals.courses[log], intervals.robot, intervals.robot.model.nv
-    begin = own.reference[own.begins]
-    change = tangent_difference(intervals.predicted[log], begin, robot)
+def force_context(intervals: Intervals) -> ForceContext:
+    """The motion of all replays in the middle of each interval, log by log, with the mean commands."""
+    robot, nv, courses = intervals.robot, intervals.robot.model.nv, intervals.courses
+    begin = joined([own.reference[own.begins] for own in courses])
+    change = tangent_difference(joined(intervals.predicted), begin, robot)
     middle = displaced(begin, 0.5 * change, robot)
-    first = own.rows[own.begins]
-    rows = first[:, None] + np.arange(own.every)
 
     def mean(name: str) -> np.ndarray:
-        return np.asarray(joint_commands(own.states.log, robot, name)[rows].mean(axis=1))
+        found = []
+        for own in courses:
+            rows = own.rows[own.begins][:, None] + np.arange(own.every)
+            found.append(joint_commands(own.states.log, robot, name)[rows].mean(axis=1))
+        return np.concatenate(found)
 
     commands = Commands(*(mean(name) for name in ("cmd_tau", "cmd_pos", "cmd_vel")))
-    acceleration = change[:, nv:] / intervals.interval_s
-    gains = mean("cmd_kp"), mean("cmd_kd")
-    return ForceContext(
-        robot, robot.model, middle.qpos, middle.qvel, acceleration, commands, *gains, intervals.interval_s
-    )
+    acceleration, gains = change[:, nv:] / intervals.interval_s, (mean("cmd_kp"), mean("cmd_kd"))
+    model = robot.without_shapes
+    return ForceContext(robot, model, middle.qpos, middle.qvel, acceleration, commands, *gains, intervals.interval_s)
+
+
+def joined(motions: Sequence[Motion]) -> Motion:
+    """Motions one after the other."""
+    return Motion(np.concatenate([one.qpos for one in motions]), np.concatenate([one.qvel for one in motions]))
 
 
 def closed_form(kind: type[Effect], single: Sequence[str], at: ForceContext) -> np.ndarray | None:

@@ -18,8 +18,8 @@ from leapgap.effects.base import overrides
 
 LEAST_GAIN = 30.0
 """Evidence on held-out logs that each number of a cause has to gain, nats: g₀."""
-LEAST_SHARE = 0.2
-"""A cause takes this share of the evidence of a force without a name, or leaves little of it."""
+LEAST_SHARE = 0.03
+"""A cause gains this share of the evidence that is missing, or leaves little without a name."""
 MUCH = 1000.0
 """Evidence of a force without a name beside a set, nats, at which everything is linearised anew about it."""
 MOST_CAUSES = 4
@@ -31,8 +31,6 @@ LIKELY = 0.5
 """Share of the gain of the best set that another has to have by its columns to be replayed."""
 TRIED = 12
 """Number of effects that are replayed to both sides where columns tell little."""
-HOPELESS = 200.0
-"""An effect that loses this much evidence by its columns in place of another is not replayed."""
 SETTLED = 2.0
 """Numbers have settled when their next step is worth less evidence than this, nats."""
 ROUNDS = 4
@@ -66,6 +64,17 @@ class Found:
         evidence = self.point.evidence
         by_level = evidence.by_level(evidence.posterior(*self.point.priors()).mean)
         return float((by_level.max(axis=0) - by_level[0]).sum())
+
+    @property
+    def missing(self) -> float:
+        """Evidence that a set without a force without a name would have beyond this one, about, nats.
+
+        Errors of such a set are as large as expected at the least level in every block.
+        """
+        evidence = self.point.evidence
+        rows = sum((end - first) for _, first, end in evidence.blocks.places) * self.point.whitened[0].shape[2]
+        by_level = evidence.by_level(evidence.posterior(*self.point.priors()).mean)
+        return float(-0.5 * (rows + evidence.blocks.constant[0].sum()) - by_level.max(axis=0).sum())
 
     def evidence_without(self, members: Sequence[int]) -> float:
         """Evidence of the set with some members at nominal, by its linearisation, nats."""
@@ -131,8 +140,7 @@ class Search:
             rivals = (*now.rivals, *(own for own in others if own[1].name != newest.name))
             if best.unnamed > MUCH:
                 best = self.exchanged(self.linearised(best))
-            least = LEAST_SHARE * now.unnamed
-            if best.unnamed > max(MUCH, now.unnamed - least) and best.predictive - now.predictive < least:
+            if best.unnamed > MUCH and best.predictive - now.predictive < LEAST_SHARE * now.missing:
                 break
             path.append(replace(self.without_idle(best), rivals=rivals))
         return path
@@ -216,12 +224,14 @@ class Search:
 
     def exchanged(self, found: Found) -> Found:
         """The set with one member in place of another, where that predicts the logs better."""
+        base = self.bench.glance(found.point, found.acting)
         for m in range(len(found.members)):
-            for linear in self.in_place_of(found, m)[:2]:
-                if linear.evidence < found.evidence - HOPELESS:
+            order = [k if k != m else len(found.members) for k in range(len(found.members))]
+            likely = [one for one in self.in_place_of(found, m)[:CLOSELY] if one.worth > found.worth]
+            for linear in (one.with_members(order) for one in likely):
+                if self.bench.glance(found.point, linear.acting) < base:
                     continue
-                order = [k if k != m else len(found.members) for k in range(len(found.members))]
-                other = self.settle(linear.with_members(order))
+                other = self.settle(linear)
                 self.progress(f"{other.members[m].label} for {found.members[m].label}: {other.worth - found.worth:.1f}")
                 if other.worth > found.worth:
                     found = other

@@ -18,7 +18,7 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, clip_numbers
 from leapgap.diagnosis.decision import Conclusion
-from leapgap.diagnosis.engine.search import LEAST_GAIN, Found, Search, few_of_each, screen
+from leapgap.diagnosis.engine.search import LEAST_GAIN, LEAST_SHARE, Found, Search, few_of_each, screen
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 
@@ -93,7 +93,7 @@ def rivals_of(search: Search, found: Found, member: int) -> list[Rival]:
 
 def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> EvidenceJudgement:
     """The conclusion of a search: verdict, causes in the order of what they explain, and the four numbers."""
-    start, found = path[0], without_immaterial(search, path[-1], gap)
+    start, found = path[0], without_immaterial(search, path[0], path[-1], gap)
     blocks = len(found.point.evidence.levels)
     u, before = found.unnamed, start.unnamed
     nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
@@ -125,18 +125,26 @@ def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> Evidence
     return EvidenceJudgement(Conclusion(verdict, answer, steps, sure), steps[-1], others, numbers)
 
 
-def without_immaterial(search: Search, found: Found, gap: HeldOutGap) -> Found:
-    """The set without members whose absence leaves the gap of whole logs as it was: they are no causes of it."""
+def without_immaterial(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Found:
+    """The set without members that gain little beside the others and leave the gap of whole logs as it was.
+
+    They make up for errors of the simulation and are no causes of the gap.
+    """
     while len(found.members) > 1 and gap.has_gap:
         members = range(len(found.members))
         fewer = [[m for m in members if m != one] for one in members]
         whole, *others = gap.figures([candidate_of(found), *(candidate_of(found, kept) for kept in fewer)])
-        losses = [whole.closure.value - own.closure.value for own in others]
-        least = int(np.argmin(losses))
-        if losses[least] > LEAST_CLOSURE:
+        small = LEAST_SHARE * (found.predictive - start.predictive)
+        idle = [
+            one
+            for one, own in zip(members, others, strict=True)
+            if whole.closure.value - own.closure.value < LEAST_CLOSURE
+            and found.predictive - search.judge(found.point, (), [one]).predictive < small
+        ]
+        if not idle:
             break
-        search.progress(f"without {found.members[least].label}, which closes nothing")
-        found = search.settle(found.with_members(fewer[least]))
+        search.progress(f"without {found.members[idle[0]].label}, which closes nothing")
+        found = search.settle(found.with_members(fewer[idle[0]]))
     return found
 
 

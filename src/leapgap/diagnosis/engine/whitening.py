@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
-from leapgap.diagnosis.engine.intervals import Intervals, Pool, roll
+from leapgap.diagnosis.engine.intervals import Intervals, Models, Pool, roll
 from leapgap.diagnosis.engine.responses import Displacements, Linearisation, force_units, rough_steps
 from leapgap.robot.motion import Motion
 
@@ -176,12 +176,13 @@ class Following:
     chunks: Chunks
     offsets: Sequence[np.ndarray]
     """What effects with a memory add at the end of each interval, (intervals, 2 nv) a log."""
+    models: Models
 
     def __post_init__(self) -> None:
         """Lay the logs side by side, at the beginning of each chunk."""
         own, logs = self.intervals, range(len(self.intervals.courses))
         self.nq, self.nv = own.robot.model.nq, own.robot.model.nv
-        self.prepared = [own.prepare(log, own.without_memory(log)) for log in logs]
+        self.prepared = [own.prepare(log, own.without_memory(log), self.models) for log in logs]
         self.misreported = [own.misreported(log, own.without_memory(log)) for log in logs]
         self.references = [np.concatenate([c.reference.qpos, c.reference.qvel], axis=1) for c in own.courses]
         self.pool = Pool(self.prepared[0].models[0], own.replayer.threads)
@@ -263,8 +264,17 @@ def linearise(
     standard deviation of zeros of joint sensors while a log is followed: feet that are reported in the air, or deep in
     the ground, would else have no contact to linearise about. No zero is counted where sets are judged.
     """
-    following, robot = Following(intervals, chunks, offsets), intervals.robot
-    rough = Following(rough_steps(intervals), chunks, offsets)
+    rough = rough_steps(intervals)
+    with Models(intervals.replayer) as models, Models(rough.replayer) as of_rough:
+        pair = Following(intervals, chunks, offsets, models), Following(rough, chunks, offsets, of_rough)
+        return linearised_along(*pair, wrong_zero, level)
+
+
+def linearised_along(
+    following: Following, rough: Following, wrong_zero: float, level: float
+) -> tuple[Intervals, Linearisation]:
+    """The same, by robots that follow the logs by the steps of the replays and by long ones."""
+    intervals, chunks, robot = following.intervals, following.chunks, following.intervals.robot
     entries, nv = intervals.channels.state_entries, robot.model.nv
     zeros = zero_entries(intervals)
     n = 2 * nv
@@ -316,9 +326,10 @@ def follow(
     intervals: Intervals, chunks: Chunks, offsets: Sequence[np.ndarray], linearisation: Linearisation
 ) -> Intervals:
     """Intervals whose references follow the logs with the gains of a linearisation."""
-    following = Following(intervals, chunks, offsets)
-    for k in range(chunks.longest):
-        order = following.chunks_at(k)
-        base = following.reach(k, order, following.state[order], following.force[order] * linearisation.units)
-        following.correct(k, order, base, linearisation.gains[order, k])
-    return following.result
+    with Models(intervals.replayer) as models:
+        following = Following(intervals, chunks, offsets, models)
+        for k in range(chunks.longest):
+            order = following.chunks_at(k)
+            base = following.reach(k, order, following.state[order], following.force[order] * linearisation.units)
+            following.correct(k, order, base, linearisation.gains[order, k])
+        return following.result
