@@ -3,10 +3,13 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.stats import ttest_ind
 
 import leapgap as lg
 from leapgap.cli import main
+from leapgap.diagnosis.compare import stands_out
 from leapgap.robot.model import Robot
 from tests import plain_arm
 
@@ -51,3 +54,21 @@ def test_a_single_log_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[s
     one = plain_arm.write_parquet(tmp_path / "one", 1)
     assert main(["compare", str(one), str(logs), str(model)]) == 2
     assert "before: found 1 log; expected two or more" in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_what_differs_from_log_to_log_is_no_change(tmp_path: Path) -> None:
+    """Friction of 0.5, 0.9, 0.6 and 1.1 N·m: the later two logs have more of it, and no more than logs differ."""
+    robot = Robot.load(plain_arm.write_model(tmp_path))
+    for seed, (name, torque) in enumerate((("a", 0.5), ("a", 0.9), ("b", 0.6), ("b", 1.1))):
+        xml = plain_arm.arm(f'damping="0.05" frictionloss="{torque}"')
+        plain_arm.write_parquet(tmp_path / name, 1, xml, seed)
+    found = lg.compare(tmp_path / "a", tmp_path / "b", robot, threads=1)
+    assert found.changed == ()
+
+
+@pytest.mark.parametrize("apart", [0.3, 1.0, 3.0, 10.0])
+def test_a_difference_stands_out_as_in_the_test_of_student(apart: float) -> None:
+    rng = np.random.default_rng(int(10 * apart))
+    before, after = 0.3 * rng.standard_normal(3), apart + 0.3 * rng.standard_normal(4)
+    assert stands_out(before, after) == (ttest_ind(before, after).pvalue < 0.01)

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.stats import t as student
 
 from leapgap.diagnosis.candidates import split_numbers
 from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, Search, few_of_each
@@ -33,8 +34,8 @@ SETTLED = 0.2
 """As in the search: no number moves by more than this share of its standard deviation."""
 MODEL_ERROR = 0.08
 """Relative error of a difference because the simulation differs from the robot, in its interval."""
-MORE = 2.0
-"""A force without a name is new where it is this many times stronger after."""
+SURE = 0.99
+"""Probability that a difference is no chance of logs that differ among themselves."""
 SHOWN = 8
 """Number of smallest changes that are told."""
 
@@ -137,12 +138,35 @@ class Told:
         """Indices of the members that are differences."""
         return [m for m, h in enumerate(self.members) if isinstance(h, Difference)]
 
+    def is_steady(self) -> bool:
+        """Whether the newest difference is larger than what it differs by from log to log within each set.
+
+        Student's test of the share of it that acts in each log.
+        """
+        paired, h = self.paired, self.members[-1]
+        numbers = split_numbers(self.members, self.numbers)[-1] - h.nominal
+        weights = np.zeros(paired.shared)
+        for k, number in enumerate(numbers):
+            weights[paired.point.basis.columns.at(h, k)] += number
+        shares = paired.by_log(weights, slice(-len(numbers), None))
+        logs = paired.point.evidence.log_of_block
+        later = np.array([paired.after[logs == log].all() for log in range(len(shares))])
+        return stands_out(shares[~later], shares[later] + 1)  # the difference acts already
+
     def rivals(self, member: int, hypotheses: Sequence[Hypothesis]) -> tuple[str, ...]:
         """Effects that could as well have changed in place of a member."""
         paired, own = self.paired, self.members[member]
         lost = paired.posterior(paired.sums()).evidence - paired.posterior(paired.sums((), [member])).evidence
         near = [h for gain, h in self.gains(hypotheses, [member]) if gain > lost - LEAST_GAIN and h.label != own.label]
         return tuple(h.label for h in few_of_each(near, 1))
+
+
+def stands_out(before: np.ndarray, after: np.ndarray) -> bool:
+    """Whether two sets of numbers, one a log, differ by more than each scatters, by Student's test."""
+    freedom = len(before) + len(after) - 2
+    squares = sum(float(((own - own.mean()) ** 2).sum()) for own in (before, after))
+    error = np.sqrt(squares / freedom * (1 / len(before) + 1 / len(after)))
+    return bool(abs(after.mean() - before.mean()) > student.ppf(0.5 + SURE / 2, freedom) * error)
 
 
 @dataclass(frozen=True)
@@ -163,17 +187,21 @@ class Comparison:
     """What changed between two sets of logs."""
 
     changed: tuple[Changed, ...]
+    guesses: tuple[Changed, ...]
+    """What would be named, were it not for something without a name that acts in the logs."""
     unnamed: tuple[float, float]
     """Evidence of a force without a name before and after, nats for each 0.1 s."""
     smallest: dict[str, str]
     """Smallest change of single effects at the whole robot that these logs would have shown."""
     logs: tuple[int, int]
+    varying: tuple[str, ...]
+    """Effects that seem to differ between the sets, and differ as much from log to log within them."""
 
     @property
     def unknown_change(self) -> bool:
         """Whether something without a name acts after, and not before."""
         before, after = self.unnamed
-        return after > UNNAMED and after > MORE * before
+        return after > UNNAMED >= before
 
     def to_json(self) -> dict[str, Any]:
         """All of it as JSON."""
@@ -185,7 +213,12 @@ class Comparison:
         lines += [f"changed: {', or '.join([one.says, *one.rivals])}" for one in self.changed]
         if self.unknown_change:
             lines.append("changed: something without a name acts after, and not before")
-        if len(lines) == 1:
+        if self.varying:
+            lines.append(f"differs from log to log within the sets, hence no change: {', '.join(self.varying)}")
+        if self.unnamed[0] > UNNAMED:
+            lines.append("something without a name acts before, so that no change can be named")
+        lines += [f"a guess, that may stand in for it: {one.says}" for one in self.guesses]
+        if not self.changed and max(self.unnamed) <= UNNAMED:
             lines.append("nothing changed that these logs tell; they would have shown")
             lines += [f"  {label} ({size})" for label, size in self.smallest.items()]
         return "\n".join(lines)
@@ -215,23 +248,28 @@ def compare_logs(
     told = Told.of(Paired(of.bench, shared, later, fold[point.evidence.log_of_block]))
     names = frozenset(log.name for log in logs[len(before) :])
     differences = [Difference.of(h, names) for h in of.bench.hypotheses]
-    while len(told.differences) < MOST_CAUSES:
-        worth = [
-            h
-            for gain, h in told.gains(differences)
-            if gain > LEAST_GAIN and h.label not in {told.members[m].label for m in told.differences}
-        ]
+    varying: list[str] = []
+    while len(told.differences) < MOST_CAUSES and len(varying) < MOST_CAUSES:
+        known = {told.members[m].label for m in told.differences}
+        left = [h for h in differences if h.label not in known and h.name not in varying]
+        worth = [h for gain, h in told.gains(left) if gain > LEAST_GAIN]
         linear = [Told.of(told.paired, [h]) for h in few_of_each(worth, 2)[: 2 * CLOSELY]]
         tried = [one.settled() for one in sorted(linear, key=lambda one: -one.worth)[:CLOSELY]]
         best = max(tried, key=lambda one: one.worth, default=told)
         if best.worth <= told.worth:
             break
+        if not best.is_steady():
+            progress(f"differs from log to log: {best.members[-1].label}")
+            varying.append(best.members[-1].name)
+            continue
         progress(f"changed: {best.members[-1].label}")
         told = best.without_idle()
-    return comparison_of(told, differences, (len(before), len(after)))
+    return comparison_of(told, differences, (len(before), len(after)), tuple(varying))
 
 
-def comparison_of(told: Told, differences: Sequence[Difference], logs: tuple[int, int]) -> Comparison:
+def comparison_of(
+    told: Told, differences: Sequence[Difference], logs: tuple[int, int], varying: tuple[str, ...]
+) -> Comparison:
     """What is told of the differences, and what would have been told."""
     paired, parts = told.paired, split_numbers(told.members, told.numbers)
     spreads = split_numbers(told.members, np.sqrt(np.diag(told.covariance)))
@@ -244,7 +282,8 @@ def comparison_of(told: Told, differences: Sequence[Difference], logs: tuple[int
     by_level = paired.by_level(paired.sums())
     unnamed = by_level.max(axis=0) - by_level[0]
     sides = tuple(float(unnamed[of].mean()) for of in (~paired.after, paired.after))
-    return Comparison(tuple(changed), sides, smallest(told, differences), logs)  # type: ignore[arg-type]
+    named, guesses = (tuple(changed), ()) if max(sides) <= UNNAMED else ((), tuple(changed))
+    return Comparison(named, guesses, sides, smallest(told, differences), logs, varying)  # type: ignore[arg-type]
 
 
 def smallest(told: Told, differences: Sequence[Difference]) -> dict[str, str]:

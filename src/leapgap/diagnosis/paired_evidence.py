@@ -7,8 +7,11 @@ from functools import cached_property
 import numpy as np
 
 from leapgap.diagnosis.engine.evidence import Evidence, Posterior, posterior_of
-from leapgap.diagnosis.engine.points import Acting, Bench, Point, prior_of
+from leapgap.diagnosis.engine.points import ABSENT, Acting, Bench, Point, prior_of
 from leapgap.diagnosis.hypotheses import Hypothesis
+
+SHARE = 3.0
+"""Prior standard deviation of the share of a change that acts in a log."""
 
 
 @dataclass(frozen=True)
@@ -94,3 +97,33 @@ class Paired:
         early, late = weights[:size], weights[:size].copy()
         late[: self.shared] += weights[size:]
         return np.where(self.after, evidence.by_level(late), evidence.by_level(early))
+
+    def by_log(self, weights: np.ndarray, held: slice) -> np.ndarray:
+        """How much of a sum of columns acts in each log, (logs,), while all that both sets share is free.
+
+        ``weights`` of the basis' columns, (columns,); numbers ``held`` among the acting ones stay as they are.
+        """
+        evidence, n = self.point.evidence, self.shared
+        transform, deviation, centre = (one.copy() for one in self.sums())
+        first = n + len(self.point.basis.deviation)
+        deviation[first:][held], centre[first:][held] = ABSENT, 0.0
+        gram, constant = evidence.total()
+        base = self.extended((gram, constant), evidence.total(self.after)[0])
+        logs, size = int(evidence.log_of_block.max()) + 1, len(base)
+        whole = np.zeros((size + logs, size + logs))
+        whole[:size, :size] = base
+        for log in range(logs):
+            of = evidence.log_of_block == log
+            own = evidence.total(of)[0]
+            with_all = own[:, 1 : 1 + n] @ weights
+            column = np.zeros(size)
+            column[: len(gram)] = with_all
+            if self.after[of].all():
+                column[len(gram) :] = with_all[1 : 1 + n]
+            whole[:size, size + log] = whole[size + log, :size] = column
+            whole[size + log, size + log] = weights @ own[1 : 1 + n, 1 : 1 + n] @ weights
+        wider = np.zeros((size - 1 + logs, transform.shape[1] + logs))
+        wider[: size - 1, : transform.shape[1]] = transform
+        wider[size - 1 :, transform.shape[1] :] = np.eye(logs)
+        priors = np.concatenate([deviation, np.full(logs, SHARE)]), np.concatenate([centre, np.zeros(logs)])
+        return posterior_of(whole, constant, wider, *priors).mean[-logs:]
