@@ -1,6 +1,6 @@
 """Pictures of how each effect shows in a jump, <effect>.svg: a replay with it minus one without.
 
-    python docs/signature_pictures.py data/references/own/h00_d50.parquet docs/reference/signatures
+    python docs/signature_pictures.py data/references/own/h00_d50.parquet docs/research/signatures
 
 Both replays begin with the same row and get the same commands. Each effect has its moderate size. The last part of the
 flight is left out, in which some of the robots touch down already.

@@ -10,7 +10,7 @@ from docs.effect_signatures import moderate_effects
 from leapgap.robot.model import Robot
 from tests.code import ROOT
 
-FOLDER = ROOT / "docs/reference/signatures"
+FOLDER = ROOT / "docs/research/signatures"
 PICTURES = sorted(FOLDER.glob("*.svg"))
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -32,7 +32,7 @@ def test_every_effect_has_its_picture_and_no_other_is_kept() -> None:
 
 
 def test_the_page_shows_every_picture_once() -> None:
-    shown = re.findall(r"\(signatures/([\w.]+)\)", (ROOT / "docs/reference/signatures.md").read_text(encoding="utf-8"))
+    shown = re.findall(r"\(signatures/([\w.]+)\)", (ROOT / "docs/research/signatures.md").read_text(encoding="utf-8"))
     assert sorted(shown) == [path.name for path in PICTURES]
 
 

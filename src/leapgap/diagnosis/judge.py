@@ -119,7 +119,7 @@ class Judgement:
             told = f"{one.verdict}; share {one.share:.2f} ({low:.2f} to {high:.2f}), {one.gain:+.0f} nats"
             lines.append(f"  {one.title:<{width}}  {one.says}: {told}")
             if one.instead:
-                lines.append(f"  {'':<{width}}  makes up for {one.instead}")
+                lines.append(f"  {'':<{width}}  compensates for {one.instead}")
         lines += [] if self.changes else ["  the two models do not differ in anything that is judged"]
         lines.append(f"acts besides: {', '.join(self.further) or 'nothing that is known'}")
         if self.unnamed > UNNAMED:

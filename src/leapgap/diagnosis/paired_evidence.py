@@ -20,19 +20,30 @@ class Paired:
 
     bench: Bench
     point: Point
+    """Its evidence is of errors, all columns of the basis, and numbers of the acting differences."""
     after: np.ndarray
     """Which blocks are of the later set, bool, (blocks,)."""
     folds: np.ndarray
     """Fold of each block, (blocks,)."""
+    products: np.ndarray
+    """Inner products of the columns of the basis, (levels, blocks, columns, columns)."""
+
+    @staticmethod
+    def of(bench: Bench, point: Point, after: np.ndarray, folds: np.ndarray) -> "Paired":
+        """Evidence of two sets of logs from a point of all of them."""
+        basis = point.basis
+        products = basis.blocks.products(basis.whitened, basis.whitened)
+        return Paired(bench, with_all_columns(point, products), after, folds, products)
 
     @property
     def shared(self) -> int:
         """Number of columns of the basis, all of which both sets share."""
-        return len(self.point.basis.nuisances)
+        return self.products.shape[2]
 
     def moved(self, acting: Acting) -> "Paired":
         """The same with other differences that act."""
-        return replace(self, point=self.bench.moved(self.point, acting))
+        point = self.bench.moved(self.point.intervals, self.point.basis, acting)
+        return replace(self, point=with_all_columns(point, self.products))
 
     def extended(self, total: tuple[np.ndarray, float], later: np.ndarray) -> np.ndarray:
         """Inner products of errors, all columns, and the basis in the later set alone."""
@@ -47,14 +58,13 @@ class Paired:
 
     def sums(self, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> tuple[np.ndarray, ...]:
         """Transform, prior deviations and means: shared columns, narrow nuisances, acting and further differences."""
-        point, n = self.point, self.shared
-        own = point.sums((), without)
-        acting = own.transform[:, own.nuisances :]
-        size = len(own.transform)
-        blocks = [np.eye(size + n)[:, :n], np.concatenate([np.zeros((size, own.nuisances)), point.basis.nuisances])]
-        blocks.append(np.concatenate([acting, np.zeros((n, acting.shape[1]))]))
-        deviation = [self.wide, point.basis.deviation, own.deviation[own.nuisances :]]
-        centre = [np.zeros(n), np.zeros(own.nuisances), own.centre[own.nuisances :]]
+        point, n, narrow = self.point, self.shared, self.point.nuisances
+        of_acting, centre_of_acting = (own[narrow:] for own in point.priors((), without))
+        size = point.evidence.gram.shape[2] - 1
+        unit = np.eye(size + n)
+        blocks = [unit[:, :n], unit[:, size + point.basis.nuisances], unit[:, n:size]]
+        deviation = [self.wide, point.basis.deviation, of_acting]
+        centre = [np.zeros(n), np.zeros(narrow), centre_of_acting]
         for h in further:
             part = np.zeros((size + n, len(h.parameters)))
             for k in range(len(h.parameters)):
@@ -67,7 +77,8 @@ class Paired:
     @cached_property
     def wide(self) -> np.ndarray:
         """Prior deviations of the shared columns: of anything that the model may be wrong by, (columns,)."""
-        found = np.ones(self.shared)
+        found, basis = np.ones(self.shared), self.point.basis
+        found[basis.nuisances] = basis.deviation  # of late logs and finer steps
         for i, key in enumerate(self.point.basis.columns.keys):
             found[i] = prior_of(replace(self.bench.kinds[key.effect], location=key.place))[key.number]
         return found
@@ -77,7 +88,7 @@ class Paired:
         evidence = self.point.evidence
         chosen = np.ones(len(self.after), bool) if blocks is None else blocks
         total, later = evidence.total(chosen), evidence.total(chosen & self.after)[0]
-        return posterior_of(self.extended(total, later), total[1], *sums)
+        return transformed(self.extended(total, later), total[1], *sums)
 
     def with_levels(self, sums: tuple[np.ndarray, ...], rounds: int = 3) -> "Paired":
         """The same at the level of the force without a name that suits each block best."""
@@ -109,11 +120,11 @@ class Paired:
         deviation[first:][held], centre[first:][held] = ABSENT, 0.0
         gram, constant = evidence.total()
         base = self.extended((gram, constant), evidence.total(self.after)[0])
-        logs, size = int(evidence.log_of_block.max()) + 1, len(base)
+        logs, size = int(evidence.blocks.log.max()) + 1, len(base)
         whole = np.zeros((size + logs, size + logs))
         whole[:size, :size] = base
         for log in range(logs):
-            of = evidence.log_of_block == log
+            of = evidence.blocks.log == log
             own = evidence.total(of)[0]
             with_all = own[:, 1 : 1 + n] @ weights
             column = np.zeros(size)
@@ -126,4 +137,25 @@ class Paired:
         wider[: size - 1, : transform.shape[1]] = transform
         wider[size - 1 :, transform.shape[1] :] = np.eye(logs)
         priors = np.concatenate([deviation, np.full(logs, SHARE)]), np.concatenate([centre, np.zeros(logs)])
-        return posterior_of(whole, constant, wider, *priors).mean[-logs:]
+        return transformed(whole, constant, wider, *priors).mean[-logs:]
+
+
+def with_all_columns(point: Point, products: np.ndarray) -> Point:
+    """A point whose evidence has all columns of its basis, with these inner products, in place of nuisances alone."""
+    first = 1 + point.nuisances
+    columns = [
+        np.concatenate([own[..., :1], of_basis, own[..., first:]], axis=3)
+        for own, of_basis in zip(point.whitened, point.basis.whitened, strict=True)
+    ]
+    evidence = Evidence.of(point.basis.blocks, columns, products)
+    return replace(point, evidence=replace(evidence, levels=point.evidence.levels))
+
+
+def transformed(
+    gram: np.ndarray, constant: float, transform: np.ndarray, deviation: np.ndarray, centre: np.ndarray
+) -> Posterior:
+    """The posterior of sums of columns, ``transform`` (columns, sums)."""
+    size = transform.shape[1]
+    joined = np.zeros((len(gram), 1 + size))
+    joined[0, 0], joined[1:, 1:] = 1, transform
+    return posterior_of(joined.T @ gram @ joined, constant, deviation, centre)
