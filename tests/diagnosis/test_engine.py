@@ -33,7 +33,7 @@ def test_evidence_and_posterior_are_those_of_a_dense_gaussian() -> None:
     covariance = columns @ np.diag(deviation**2) @ columns.T + np.eye(10)
     expected = multivariate_normal(columns @ centre, covariance).logpdf(errors)
     stacked = np.concatenate([errors[:, None], columns], axis=1)
-    found = posterior_of(stacked.T @ stacked, 0.0, np.eye(2), deviation, centre)
+    found = posterior_of(stacked.T @ stacked, 0.0, deviation, centre)
     assert found.evidence - 5 * np.log(2 * np.pi) == pytest.approx(expected)
     gain = np.diag(deviation**2) @ columns.T @ np.linalg.inv(covariance)
     assert found.mean == pytest.approx(centre + gain @ (errors - columns @ centre))

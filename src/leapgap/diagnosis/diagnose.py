@@ -273,7 +273,7 @@ def answer_by_evidence(
     if not settings.effects and not judged.robot.has_free_base:  # all that a held robot can have
         known = (kind for kind in effects.known().values() if kind.name not in settings.without)
         kinds = list(dict.fromkeys([*kinds, *(kind for kind in known if not overrides(kind, "change_step"))]))
-    hypotheses = list_hypotheses(kinds, judged.robot, None)
+    hypotheses = list_hypotheses(kinds, judged.robot, clock_of(ready.checks))
     bench = Bench(hypotheses, settings.tolerances, judged.states, ready.replayer)
     search = Search(bench, gap.folds, progress)
     judgement = conclude(search, search.explore(), gap)

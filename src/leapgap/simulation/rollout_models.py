@@ -28,8 +28,8 @@ LARGEST_STEP_S = 0.0011
 """Largest step of the simulation, s; that of the model file where it is shorter."""
 ROUNDING = 1.1
 """A step may be longer by this factor, so that a period of whole steps is simulated in so many."""
-UNEVEN_FINER = 4
-"""Rows of uneven length last a whole number of steps, which are so many times finer."""
+UNEVEN_FINER, STEPS_OF_UNEVEN = 4, 8
+"""Rows of uneven length last a whole number of steps: so many times finer ones, unless so many fit into a row anyway."""
 OF_MODELS = ("structure", "change_spec", "change_drive", "change_model")
 """Members of an effect by which it changes the model."""
 
@@ -61,7 +61,9 @@ class RolloutModels:
         period, tick = log.info.sample_period_s, log.tick_s
         if tick is not None:
             return period / tick * max(1, int(np.ceil(tick / self.largest_step_s)))
-        largest = self.largest_step_s if log.is_even else self.largest_step_s / UNEVEN_FINER
+        largest = self.largest_step_s
+        if not log.is_even:
+            largest = max(largest / UNEVEN_FINER, min(largest, period / STEPS_OF_UNEVEN))
         return max(1, int(np.ceil(period / largest)))
 
     def row_steps(self, trial: Rollout) -> np.ndarray:

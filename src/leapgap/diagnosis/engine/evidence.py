@@ -6,12 +6,18 @@ closed form. Each block has the level of the force without a name that suits it 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 BLOCK_S = 0.1
 """Length of a block, s: the force without a name has one level in it."""
+
+ROUNDS = 8
+"""Most rounds in which levels and numbers are told in turn."""
+
+Whitened = Sequence[np.ndarray]
+"""Columns at each level, (chunks, longest, channels, columns)."""
 
 
 @dataclass(frozen=True)
@@ -21,78 +27,129 @@ class Posterior:
     evidence: float
     """Log of the marginal likelihood, nats."""
     mean: np.ndarray
-    """Of all used columns, (used,)."""
+    """(columns,)"""
     covariance: np.ndarray
-    """(used, used)"""
+    """(columns, columns)"""
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """The blocks of all logs."""
+
+    places: Sequence[tuple[int, int, int]]
+    """Chunk, first interval and the one after the last."""
+    log: np.ndarray
+    """(blocks,)"""
+    constant: np.ndarray
+    """Log determinants of the innovations' covariances, (levels, blocks)."""
+
+    @staticmethod
+    def of(determinants: Sequence[np.ndarray], valid: np.ndarray, log_of_chunk: np.ndarray, per_block: int) -> "Blocks":
+        """Blocks of about ``per_block`` intervals each, of the intervals that are ``valid`` (chunks, longest)."""
+        places = [
+            (chunk, int(part[0]), int(part[-1]) + 1)
+            for chunk, length in enumerate(valid.sum(axis=1).tolist())
+            for part in np.array_split(np.arange(length), max(1, round(length / per_block)))
+        ]
+        constant = [[logs[chunk, first:end].sum() for chunk, first, end in places] for logs in determinants]
+        return Blocks(places, log_of_chunk[[chunk for chunk, _, _ in places]], np.array(constant))
+
+    def products(self, ours: Whitened, theirs: Whitened) -> np.ndarray:
+        """Inner products of two sets of columns in each block, (levels, blocks, our columns, their columns)."""
+        found = np.zeros((*self.constant.shape, ours[0].shape[3], theirs[0].shape[3]))
+        for of_level, a, b in zip(found, ours, theirs, strict=True):
+            for own, (chunk, first, end) in zip(of_level, self.places, strict=True):
+                left = a[chunk, first:end].reshape(-1, a.shape[3])
+                own[:] = left.T @ b[chunk, first:end].reshape(-1, b.shape[3])
+        return found
+
+    def at_levels(self, columns: Whitened, levels: np.ndarray) -> np.ndarray:
+        """Columns (rows, columns) of all blocks, each block at its level."""
+        return np.concatenate(
+            [
+                columns[level][chunk, first:end].reshape(-1, columns[0].shape[3])
+                for level, (chunk, first, end) in zip(levels, self.places, strict=True)
+            ]
+        )
 
 
 @dataclass
 class Evidence:
-    """Inner products of errors (column 0) and all columns, for each level and block."""
+    """Inner products of errors (column 0) and columns, for each level and block."""
 
+    blocks: Blocks
     gram: np.ndarray
     """(levels, blocks, 1 + columns, 1 + columns)"""
-    constant: np.ndarray
-    """Log determinants of the innovations' covariances, (levels, blocks)."""
-    log_of_block: np.ndarray
-    """(blocks,)"""
-    places: Sequence[tuple[int, int, int]]
-    """Chunk, first interval and the one after the last of each block."""
-    levels: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    levels: np.ndarray
     """Index of the level of each block, (blocks,)."""
+
+    @staticmethod
+    def of(blocks: Blocks, columns: Whitened, known: np.ndarray) -> "Evidence":
+        """Evidence of errors (column 0) and further columns beside known inner products of columns alone.
+
+        ``columns`` are all: the errors, those with ``known`` products (levels, blocks, known, known), the further ones.
+        """
+        kept = known.shape[2]
+        new = [0, *range(1 + kept, columns[0].shape[3])]
+        gram = np.zeros((*known.shape[:2], columns[0].shape[3], columns[0].shape[3]))
+        gram[:, :, 1 : 1 + kept, 1 : 1 + kept] = known
+        products = blocks.products([of[..., new] for of in columns], columns)
+        gram[:, :, new] = products
+        gram[:, :, :, new] = products.transpose(0, 1, 3, 2)
+        return Evidence(blocks, gram, np.full(len(blocks.places), len(columns) // 2))
+
+    def extended(self, columns: Whitened, further: Whitened) -> "Evidence":
+        """The same with further columns beside the errors and columns that it has, ``columns``."""
+        more = further[0].shape[3]
+        cross = self.blocks.products(columns, further)
+        gram = np.pad(self.gram, ((0, 0), (0, 0), (0, more), (0, more)))
+        gram[:, :, :-more, -more:] = cross
+        gram[:, :, -more:, :-more] = cross.transpose(0, 1, 3, 2)
+        gram[:, :, -more:, -more:] = self.blocks.products(further, further)
+        return replace(self, gram=gram)
 
     def total(self, blocks: np.ndarray | None = None) -> tuple[np.ndarray, float]:
         """Sum of inner products and of constants over some blocks (mask; all, if None), each at its level."""
         chosen = np.flatnonzero(np.ones(len(self.levels), bool) if blocks is None else blocks)
-        return self.gram[self.levels[chosen], chosen].sum(axis=0), float(
-            self.constant[self.levels[chosen], chosen].sum()
-        )
+        at = self.levels[chosen], chosen
+        return self.gram[at].sum(axis=0), float(self.blocks.constant[at].sum())
 
-    def only(self, columns: np.ndarray) -> "Evidence":
-        """The same with some of the columns, which are told by their indices."""
-        at = np.concatenate([[0], 1 + columns])
-        return replace(self, gram=self.gram[:, :, at[:, None], at], levels=self.levels.copy())
+    def of_each(self, parts: np.ndarray) -> list[tuple[np.ndarray, float]]:
+        """Sums as in ``total`` over the blocks of each part; ``parts`` are numbers, (blocks,)."""
+        return [self.total(parts == part) for part in range(int(parts.max()) + 1)]
 
-    def without_each(self, parts: np.ndarray) -> list[tuple[np.ndarray, float]]:
-        """Sums as in ``total`` over the blocks of all parts but one, for each; ``parts`` are numbers, (blocks,)."""
-        own = [self.total(parts == part) for part in range(int(parts.max()) + 1)]
-        gram, constant = np.sum([g for g, _ in own], axis=0), sum(c for _, c in own)
-        return [(gram - g, constant - c) for g, c in own]
+    def posterior(self, deviation: np.ndarray, centre: np.ndarray) -> Posterior:
+        """The posterior of all columns, by prior deviations and means (columns,)."""
+        return posterior_of(*self.total(), deviation, centre)
 
-    def posterior(
-        self,
-        transform: np.ndarray,
-        deviation: np.ndarray,
-        centre: np.ndarray,
-        total: tuple[np.ndarray, float] | None = None,
-    ) -> Posterior:
-        """The posterior of sums of columns: ``transform`` (columns, used), prior deviations and means (used,)."""
-        gram, constant = self.total() if total is None else total
-        return posterior_of(gram, constant, transform, deviation, centre)
+    def at_best_levels(self, deviation: np.ndarray, centre: np.ndarray) -> "Evidence":
+        """The same with each block at its likeliest level, given the numbers that all blocks tell.
 
-    def choose_levels(self, transform: np.ndarray, deviation: np.ndarray, centre: np.ndarray, rounds: int = 3) -> None:
-        """Set the level of each block to the likeliest one, given the numbers that all blocks tell."""
-        for _ in range(rounds):
-            mean = self.posterior(transform, deviation, centre).mean
-            before, self.levels = self.levels, np.argmax(self.by_level(transform @ mean), axis=0)
-            if (before == self.levels).all():
-                break
+        Levels and numbers are told in turn, from the levels as they are and from the least one, at which a set that
+        explains everything shows; the likelier end stays.
+        """
+        ends = []
+        for levels in (self.levels, np.zeros_like(self.levels)):
+            found = replace(self, levels=levels)
+            for _ in range(ROUNDS):
+                mean = found.posterior(deviation, centre).mean
+                before, found = found.levels, replace(found, levels=np.argmax(found.by_level(mean), axis=0))
+                if (before == found.levels).all():
+                    break
+            ends.append(found)
+        return max(ends, key=lambda one: one.posterior(deviation, centre).evidence)
 
     def by_level(self, weights: np.ndarray) -> np.ndarray:
         """Log likelihood of each block at each level, (levels, blocks), for weights of the columns (columns,)."""
         left = np.concatenate([[1.0], -weights])
-        squares = np.einsum("i,lbij,j->lb", left, self.gram, left, optimize=True)
-        return np.asarray(-0.5 * (squares + self.constant))
+        return np.asarray(-0.5 * ((self.gram @ left) @ left + self.blocks.constant))
 
 
-def posterior_of(
-    gram: np.ndarray, constant: float, transform: np.ndarray, deviation: np.ndarray, centre: np.ndarray
-) -> Posterior:
+def posterior_of(gram: np.ndarray, constant: float, deviation: np.ndarray, centre: np.ndarray) -> Posterior:
     """The posterior from summed inner products (1 + columns, 1 + columns), errors first."""
-    scaled = transform * deviation
-    weights = transform @ centre
-    errors = gram[0, 0] - 2 * weights @ gram[1:, 0] + weights @ gram[1:, 1:] @ weights
-    inner, cross = scaled.T @ gram[1:, 1:] @ scaled, scaled.T @ (gram[1:, 0] - gram[1:, 1:] @ weights)
+    errors = gram[0, 0] - 2 * centre @ gram[1:, 0] + centre @ gram[1:, 1:] @ centre
+    inner = gram[1:, 1:] * deviation[:, None] * deviation
+    cross = deviation * (gram[1:, 0] - gram[1:, 1:] @ centre)
     root = np.linalg.cholesky(np.eye(len(cross)) + inner)
     half = np.linalg.solve(root, cross)
     evidence = -0.5 * (errors - half @ half + constant) - np.log(np.diag(root)).sum()
@@ -101,48 +158,16 @@ def posterior_of(
     return Posterior(float(evidence), centre + deviation * (back.T @ half), covariance)
 
 
-def inner_products(
-    whitened: Sequence[np.ndarray],
-    determinants: Sequence[np.ndarray],
-    valid: np.ndarray,
-    log_of_chunk: np.ndarray,
-    per_block: int,
-) -> Evidence:
-    """Inner products of whitened columns (chunks, longest, channels, 1 + columns) of each level, block by block."""
-    lengths = valid.sum(axis=1).tolist()
-    places = [
-        (chunk, int(part[0]), int(part[-1]) + 1)
-        for chunk, length in enumerate(lengths)
-        for part in np.array_split(np.arange(length), max(1, round(length / per_block)))
-    ]
-    columns = whitened[0].shape[3]
-    gram = np.zeros((len(whitened), len(places), columns, columns))
-    constant = np.zeros((len(whitened), len(places)))
-    for level, (values, logs) in enumerate(zip(whitened, determinants, strict=True)):
-        for k, (chunk, first, end) in enumerate(places):
-            own = values[chunk, first:end].reshape(-1, columns)
-            gram[level, k] = own.T @ own
-            constant[level, k] = logs[chunk, first:end].sum()
-    log_of_block = log_of_chunk[[chunk for chunk, _, _ in places]]
-    return Evidence(gram, constant, log_of_block, places, np.full(len(places), len(whitened) // 2))
+def predictive(gram: np.ndarray, constant: float, deviation: np.ndarray, told: Posterior) -> float:
+    """Log probability of errors, by their inner products, where the last numbers are as ``told`` by others, nats.
 
-
-def exchanged(
-    before: Evidence, kept: np.ndarray, kept_columns: Sequence[np.ndarray], changed: Sequence[np.ndarray]
-) -> Evidence:
-    """Evidence of other errors and further columns (column 0 and those behind it of ``changed``) beside kept ones.
-
-    ``kept`` are indices in the inner products of the whitened ``kept_columns``; their products among themselves stay.
+    The first columns are nuisances with prior ``deviation``, of which no other errors tell anything: what is off a
+    little everywhere may not be off by more here because it is elsewhere.
     """
-    number, new = len(kept), changed[0].shape[3]
-    gram = np.zeros((*before.gram.shape[:2], number + new, number + new))
-    gram[:, :, 1 : 1 + number, 1 : 1 + number] = before.gram[:, :, kept[:, None], kept]
-    at = np.concatenate([[0], np.arange(1 + number, number + new)])
-    for level, (others, own) in enumerate(zip(kept_columns, changed, strict=True)):
-        for k, (chunk, first, end) in enumerate(before.places):
-            mine = own[chunk, first:end].reshape(-1, new)
-            cross = mine.T @ others[chunk, first:end].reshape(-1, number)
-            gram[level, k, at, 1 : 1 + number] = cross
-            gram[level, k, 1 : 1 + number, at] = cross
-            gram[level, k, at[:, None], at] = mine.T @ mine
-    return replace(before, gram=gram, levels=before.levels.copy())
+    first = len(deviation)
+    scale = np.eye(len(gram))
+    scale[range(1, 1 + first), range(1, 1 + first)] = deviation
+    scale[1 + first :, 1 + first :] = np.linalg.cholesky(told.covariance)
+    scale[1 + first :, 0] = -told.mean
+    scaled = scale.T @ gram @ scale
+    return posterior_of(scaled, constant, np.ones(len(gram) - 1), np.zeros(len(gram) - 1)).evidence

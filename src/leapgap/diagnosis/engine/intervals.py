@@ -5,8 +5,9 @@ interval is what the model lacks there. Effects change that by amounts that are 
 All states are as the log reports them: what acts in the sensors alone is a change of the reported state.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
@@ -17,7 +18,7 @@ import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
 from leapgap.diagnosis.short_rollouts import StateChannels, smooth_starts
-from leapgap.effects.base import Effect, overriding
+from leapgap.effects.base import ACTING, Effect, overrides, overriding
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
@@ -197,7 +198,9 @@ class Intervals:
         ``transition``, exactly, and feet stay as deep in the ground as they are.
         """
         acting = self.acting[log]
-        if self.has_memory(log, effects) or self.has_memory(log, acting):
+        if moving(effects) == moving(acting):
+            change = np.zeros((self.courses[log].intervals, 2 * self.robot.model.nv))
+        elif self.has_memory(log, effects) or self.has_memory(log, acting):
             change = self._with_memory(log, effects, transition)
         else:
             late = self.misreported(log, acting)
@@ -222,7 +225,9 @@ class Intervals:
     def _reached(self, log: int, effects: Effects, late: np.ndarray) -> Motion:
         """States at the end of every interval of a log, by effects from the reference less ``late``, and with it."""
         own = self.courses[log]
-        reached = roll([(self.prepare(log, effects), np.arange(own.intervals))], self._true_starts(own, late))[:, 0]
+        with Models(self.replayer) as models:
+            prepared = self.prepare(log, effects, models)
+            reached = roll([(prepared, np.arange(own.intervals))], self._true_starts(own, late))[:, 0]
         return displaced(reached, late[own.begins + 1], self.robot) if late.any() else reached
 
     def _true_starts(self, own: Course, late: np.ndarray) -> np.ndarray:
@@ -289,9 +294,10 @@ class Intervals:
         """Replays of several intervals from the true states of what acts."""
         own = self.courses[log]
         starts = self._true_starts(own, self.misreported(log, self.acting[log]))[begins]
-        return roll([(self.prepare(log, effects, self._span(log)), begins)], starts)
+        with Models(self.replayer) as models:
+            return roll([(self.prepare(log, effects, models, self._span(log)), begins)], starts)
 
-    def prepare(self, log: int, effects: Effects, span: int = 1) -> "PreparedIntervals":
+    def prepare(self, log: int, effects: Effects, models: "Models", span: int = 1) -> "PreparedIntervals":
         """The intervals of a log by a robot with some effects, ready for replays of ``span`` intervals each."""
         own, replayer = self.courses[log], self.replayer
         trial = Rollout(own.states.log, effects, measured=own.states.motion)
@@ -305,8 +311,29 @@ class Intervals:
         controls = replayer.step_controls(trial, steps, when)
         gains = joint_gains(trial.log, self.robot)[own.rows[own.begins]]
         _, rows, which = np.unique(gains, axis=0, return_index=True, return_inverse=True)
-        models = [replayer.model(trial, row=int(own.rows[own.begins[row]])) for row in rows]
-        return PreparedIntervals(replayer, trial, models, which.ravel(), controls, steps_until)
+        lent = [models.of(trial, int(own.rows[own.begins[row]])) for row in rows]
+        return PreparedIntervals(replayer, trial, lent, which.ravel(), controls, steps_until)
+
+
+def moving(effects: Effects) -> Effects:
+    """Those effects that change the true motion."""
+    return tuple(effect for effect in effects if any(overrides(type(effect), method) for method in ACTING))
+
+
+class Models(ExitStack):
+    """Working models that are lent for the time of a block, one for all trials whose models are equal."""
+
+    def __init__(self, replayer: Replayer) -> None:
+        super().__init__()
+        self.replayer = replayer
+        self.kept: dict[Hashable, mujoco.MjModel] = {}
+
+    def of(self, trial: Rollout, row: int) -> mujoco.MjModel:
+        """The model of a trial in a row of its log."""
+        (key,) = self.replayer.alike(trial, [row])
+        if key not in self.kept:
+            self.kept[key] = self.enter_context(self.replayer.working_model(trial, row)).model
+        return self.kept[key]
 
 
 @dataclass(frozen=True)
@@ -336,16 +363,24 @@ class PreparedIntervals:
         return full
 
 
+class Pool:
+    """Threads that replay together, with their working memory."""
+
+    def __init__(self, model: mujoco.MjModel, threads: int) -> None:
+        self.threads = mujoco.rollout.Rollout(nthread=threads if threads > 1 else 0)
+        self.data = [mujoco.MjData(model) for _ in range(threads)]
+
+
 def roll(
     parts: Sequence[tuple[PreparedIntervals, np.ndarray]],
     states: np.ndarray,
     forces: np.ndarray | None = None,
-    data: list[mujoco.MjData] | None = None,
+    pool: "Pool | None" = None,
 ) -> "ReachedStates":
     """True states at the ends of intervals of several logs, from true states (some, nq + nv).
 
     ``parts`` are the first intervals of each log, in the order of ``states`` and of ``forces`` (some, nv), N or N·m.
-    Working memory ``data`` of several threads makes them share the work.
+    The threads of a ``pool`` share the work.
     """
     robot = parts[0][0].replayer.robot
     models = [own.models[own.model_of[k]] for own, which in parts for k in which]
@@ -362,8 +397,9 @@ def roll(
     if forces is not None:
         applied = np.broadcast_to(forces[:, None], (len(forces), longest, forces.shape[1]))
         controls, spec = np.concatenate([controls, applied], axis=2), WITH_FORCE
+    pool = pool or Pool(models[0], 1)
     with without_warnings():
-        out, _ = mujoco.rollout.rollout(models, data or mujoco.MjData(models[0]), full, controls, control_spec=spec)
+        out, _ = pool.threads.rollout(models, pool.data, full, controls, control_spec=spec)
     until = np.concatenate([own.steps[which] for own, which in parts]) - 1
     ended = out[np.arange(len(out))[:, None], until]
     lost = ~(np.abs(ended) < DIVERGED).all(axis=(1, 2))

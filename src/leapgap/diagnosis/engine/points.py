@@ -8,7 +8,7 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.channels import tangent_difference
-from leapgap.diagnosis.engine.evidence import BLOCK_S, Evidence, exchanged, inner_products
+from leapgap.diagnosis.engine.evidence import BLOCK_S, Blocks, Evidence, Whitened
 from leapgap.diagnosis.engine.intervals import Effects, Intervals
 from leapgap.diagnosis.engine.responses import Columns, Linearisation
 from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
@@ -39,6 +39,7 @@ SMALL = {
     "link_com.outward_m": 1e-3,
     "link_inertia.scale": 0.02,
     "position_gain.scale": 0.01,
+    "sample_period.scale": 5e-4,
     "torque_gain.scale": 0.005,
     "velocity_gain.scale": 0.03,
 }
@@ -61,32 +62,28 @@ class Basis:
     filters: tuple[Filter, ...]
     """One for each level of the force without a name."""
     columns: Columns
+    whitened: Whitened
+    """All columns, and behind them those of late logs and of finer steps."""
     nuisances: np.ndarray
-    """Columns of what is off a little in every robot and simulation, as ones, (columns + 1, nuisances).
-
-    The last column is that of finer steps.
-    """
+    """Indices of those that are off a little in every robot and simulation, (nuisances,)."""
     deviation: np.ndarray
     """Standard deviation of each nuisance, (nuisances,)."""
+    blocks: Blocks
 
+    @cached_property
+    def of_nuisances(self) -> Whitened:
+        """Their columns."""
+        return [own[..., self.nuisances] for own in self.whitened]
 
-@dataclass(frozen=True)
-class Sums:
-    """Sums of columns with the priors of their numbers."""
+    @cached_property
+    def products(self) -> np.ndarray:
+        """Their inner products in each block, (levels, blocks, nuisances, nuisances)."""
+        return self.blocks.products(self.of_nuisances, self.of_nuisances)
 
-    transform: np.ndarray
-    """(columns, used)"""
-    deviation: np.ndarray
-    """(used,)"""
-    centre: np.ndarray
-    """Prior means, (used,)."""
-    nuisances: int
-    """Number of nuisances, which stand first."""
-
-    @property
-    def priors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Arguments of ``Evidence.posterior``."""
-        return self.transform, self.deviation, self.centre
+    def of_hypothesis(self, h: Hypothesis) -> Whitened:
+        """Columns of the numbers of a hypothesis."""
+        at = [self.columns.at(h, k) for k in range(len(h.parameters))]
+        return [np.stack([own[..., own_at].sum(axis=3) for own_at in at], axis=3) for own in self.whitened]
 
 
 @dataclass(frozen=True)
@@ -96,34 +93,45 @@ class Point:
     acting: Acting
     intervals: Intervals
     basis: Basis
-    whitened: tuple[np.ndarray, ...]
-    """Errors, all columns, finer steps, acting numbers; (chunks, longest, channels, …) of each level."""
+    whitened: Whitened
+    """Errors, nuisances, numbers of the acting effects."""
     evidence: Evidence
+    """Of the same."""
 
-    def sums(self, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> Sums:
-        """Nuisances, numbers of the acting effects as departures from here, and numbers of further effects.
+    @staticmethod
+    def of(acting: Acting, intervals: Intervals, basis: Basis, errors: Whitened, slopes: Whitened) -> "Point":
+        """The point with whitened errors, and columns of the numbers of its effects."""
+        parts = zip(errors, basis.of_nuisances, slopes, strict=True)
+        whitened = [np.concatenate(own, axis=3) for own in parts]
+        return Point(acting, intervals, basis, whitened, Evidence.of(basis.blocks, whitened, basis.products))
+
+    @property
+    def nuisances(self) -> int:
+        """Number of nuisances, whose columns stand before those of effects."""
+        return len(self.basis.deviation)
+
+    def priors(self, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
+        """Prior deviations and means of nuisances, of departures of the acting numbers from here, of further numbers.
 
         Members ``without`` are taken back to nominal.
         """
-        columns, basis = self.evidence.gram.shape[2] - 1, self.basis
-        parts = [np.pad(basis.nuisances, ((0, columns - len(basis.nuisances)), (0, 0)))]
-        deviation, centre = [*basis.deviation], [0.0] * len(basis.deviation)
-        own = np.eye(columns)[:, len(basis.columns.keys) + 1 :]
-        at = 0
+        deviation, centre = [*self.basis.deviation], [0.0] * self.nuisances
         for m, (h, numbers) in enumerate(self.acting):
-            size = len(h.parameters)
-            parts.append(own[:, at : at + size])
-            deviation += [ABSENT] * size if m in without else [*prior_of(h)]
+            deviation += [ABSENT] * len(numbers) if m in without else [*prior_of(h)]
             centre += [*(h.nominal - numbers)]
-            at += size
         for h in further:
-            part = np.zeros((columns, len(h.parameters)))
-            for k in range(len(h.parameters)):
-                part[basis.columns.at(h, k), k] = 1
-            parts.append(part)
             deviation += [*prior_of(h)]
             centre += [0.0] * len(h.parameters)
-        return Sums(np.concatenate(parts, axis=1), np.array(deviation), np.array(centre), len(basis.deviation))
+        return np.array(deviation), np.array(centre)
+
+    def evidence_with(self, further: Sequence[Hypothesis]) -> Evidence:
+        """Evidence with the columns of further effects, by this linearisation."""
+        found, columns = self.evidence, self.whitened
+        for h in further:
+            new = self.basis.of_hypothesis(h)
+            found = found.extended(columns, new)
+            columns = [np.concatenate(pair, axis=3) for pair in zip(columns, new, strict=True)]
+        return found
 
 
 @dataclass(frozen=True)
@@ -177,18 +185,23 @@ class Bench:
         filters = tuple(filters_of(intervals, linearisation, self.chunks))
         known, present = None if before is None else before.columns, [h.name for h, _ in acting]
         columns = Columns.of(intervals, linearisation, list(self.kinds.values()), known, present)
-        basis = Basis(self.hypotheses, linearisation, filters, columns, *self.nuisances(columns))
-        steps = self.finer_steps(intervals)
-        stacked = self.chunks.stack([np.concatenate(pair, axis=2) for pair in zip(columns.values, steps, strict=True)])
-        pairs = zip(self.errors(intervals, basis), filters, strict=True)
-        whitened = tuple(np.concatenate([errors, -own.whiten(stacked)], axis=3) for errors, own in pairs)
-        plain = Point((), intervals, basis, whitened, self.products(basis, whitened))
-        return self.moved(plain, acting) if acting else plain
+        parts = zip(columns.values, self.late(columns), self.finer_steps(intervals), strict=True)
+        stacked = self.chunks.stack([np.concatenate(of_log, axis=2) for of_log in parts])
+        per_block = max(LEAST_IN_BLOCK, round(BLOCK_S / self.intervals.interval_s))
+        basis = Basis(
+            self.hypotheses,
+            linearisation,
+            filters,
+            columns,
+            [-own.whiten(stacked) for own in filters],
+            *self.nuisances(columns),
+            Blocks.of([own.log_determinant for own in filters], self.chunks.valid, self.chunks.log, per_block),
+        )
+        return self.moved(intervals, basis, acting)
 
     def nuisances(self, columns: Columns) -> tuple[np.ndarray, np.ndarray]:
-        """Columns, and their standard deviations, of what is off a little in every robot and simulation."""
-        at: list[int] = []
-        deviation: list[float] = []
+        """Indices of columns of what is off a little in every robot and simulation, and their standard deviations."""
+        found: dict[int, float] = {}
         for name, share in {**self.tolerances, **SMALL}.items():
             effect, _, parameter = name.partition(".")
             for i, key in enumerate(columns.keys):
@@ -197,12 +210,19 @@ class Bench:
                 kind = self.kinds[effect].kind
                 size = share if name in SMALL else tolerance(kind, self.robot, key.place, parameter, share)
                 if size > 0:
-                    at.append(i)
-                    deviation.append(size)
-        late = [i for i, key in enumerate(columns.keys) if key.effect in LATE]
-        at += [*late, len(columns.keys)]
-        deviation += [*[QUARTER * self.states[0].log.info.sample_period_s] * len(late), 1.0]
-        return np.eye(len(columns.keys) + 1)[:, at], np.array(deviation)
+                    found[i] = float(size)
+        quarter, present = QUARTER * self.states[0].log.info.sample_period_s, {key.effect for key in columns.keys}
+        further = [quarter for name in LATE if name in present] + [1.0]
+        found |= {len(columns.keys) + k: size for k, size in enumerate(further)}
+        return np.array([*found]), np.array([*found.values()])
+
+    def late(self, columns: Columns) -> list[np.ndarray]:
+        """What a late log changes, per second, commands and states apart, (intervals, 2 nv, up to two) a log."""
+        at = [[i for i, key in enumerate(columns.keys) if key.effect == name] for name in LATE]
+        return [
+            np.stack([own[:, :, of].sum(axis=2) for of in at if of], axis=2) if any(at) else own[:, :, :0]
+            for own in columns.values
+        ]
 
     def finer_steps(self, intervals: Intervals) -> list[np.ndarray]:
         """What finer steps of the simulation change, a nuisance, (intervals, 2 nv, 1) a log."""
@@ -217,17 +237,11 @@ class Bench:
         measured = self.chunks.stack(intervals.innovations())[..., None]
         return [own.whiten(steps, measured) for own in basis.filters]
 
-    def products(self, basis: Basis, whitened: Sequence[np.ndarray]) -> Evidence:
-        """Inner products of whitened errors and columns."""
-        per_block = max(LEAST_IN_BLOCK, round(BLOCK_S / self.intervals.interval_s))
-        determinants = [own.log_determinant for own in basis.filters]
-        return inner_products(whitened, determinants, self.chunks.valid, self.chunks.log, per_block)
-
-    def followed(self, near: Point, acting: Acting) -> Intervals:
+    def followed(self, intervals: Intervals, basis: Basis, acting: Acting) -> Intervals:
         """The intervals of a robot with other effects, with references that follow the logs."""
-        here = replace(near.intervals, acting=tuple(self.on_logs(acting)))
-        offsets = here.remembered(near.basis.linearisation.transitions)
-        return follow(here, self.chunks, offsets, near.basis.linearisation)
+        here = replace(intervals, acting=tuple(self.on_logs(acting)))
+        offsets = here.remembered(basis.linearisation.transitions)
+        return follow(here, self.chunks, offsets, basis.linearisation)
 
     def on_logs(self, acting: Acting) -> list[Effects]:
         """The effects of a set on each log."""
@@ -235,17 +249,15 @@ class Bench:
 
     def glance(self, near: Point, acting: Acting) -> float:
         """Evidence of a robot with some effects at just these numbers, nats, without columns of its effects."""
-        here, basis = self.followed(near, acting), near.basis
-        used = np.flatnonzero(basis.nuisances.any(axis=1))
-        kept = [w[:, :, :, 1 + used] for w in near.whitened]
-        evidence = exchanged(near.evidence, 1 + used, kept, self.errors(here, basis))
-        priors = basis.nuisances[used], basis.deviation, np.zeros(len(basis.deviation))
-        evidence.choose_levels(*priors)
-        return evidence.posterior(*priors).evidence
+        here, basis = self.followed(near.intervals, near.basis, acting), near.basis
+        errors = self.errors(here, basis)
+        point = Point.of((), here, basis, errors, [own[..., :0] for own in errors])
+        return point.evidence.at_best_levels(*point.priors()).posterior(*point.priors()).evidence
 
-    def moved(self, near: Point, acting: Acting) -> Point:
+    def moved(self, intervals: Intervals, basis: Basis, acting: Acting) -> Point:
         """The point of a robot with other effects or numbers, with the columns of its effects made anew."""
-        here, basis = self.followed(near, acting), near.basis
+        here = self.followed(intervals, basis, acting) if acting else intervals
+        errors = self.errors(here, basis)
         sets, sizes = [], []
         for m, (h, numbers) in enumerate(acting):
             for k, size in enumerate(small_steps(h, numbers)):
@@ -253,19 +265,15 @@ class Bench:
                 changed[k] += size
                 sets.append(self.on_logs((*acting[:m], (h, changed), *acting[m + 1 :])))
                 sizes.append(size)
+        if not acting:
+            return Point.of((), here, basis, errors, [own[..., :0] for own in errors])
         changes = here.changes(sets, basis.linearisation.transitions)
         slopes = [
             np.stack([change[log] / size for change, size in zip(changes, sizes, strict=True)], axis=2)
             for log in range(len(here.courses))
         ]
-        stacked, kept = self.chunks.stack(slopes), np.arange(1, len(basis.columns.keys) + 2)
-        levels = zip(self.errors(here, basis), basis.filters, strict=True)
-        new = [np.concatenate([errors, -of.whiten(stacked)], axis=3) for errors, of in levels]
-        stay = [w[:, :, :, kept] for w in near.whitened]
-        evidence = exchanged(near.evidence, kept, stay, new)
-        pairs = zip(new, stay, strict=True)
-        whitened = tuple(np.concatenate([n[..., :1], k, n[..., 1:]], axis=3) for n, k in pairs)
-        return Point(acting, here, basis, whitened, evidence)
+        stacked = self.chunks.stack(slopes)
+        return Point.of(acting, here, basis, errors, [-of.whiten(stacked) for of in basis.filters])
 
 
 def prior_of(h: Hypothesis) -> np.ndarray:

@@ -9,7 +9,7 @@ from leapgap.diagnosis.channels import displaced, tangent_difference
 from leapgap.diagnosis.engine.intervals import Intervals
 from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.short_rollouts import ROUGH
-from leapgap.effects.base import Effect
+from leapgap.effects.base import Commands, Effect, ForceContext, overrides
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
@@ -17,6 +17,8 @@ from leapgap.simulation.rollout import joint_commands
 
 POSITION_STEP, VELOCITY_STEP = 2e-4, 1e-2
 """Displacements by which transitions are differenced: m and rad, m/s and rad/s, about the noise of good sensors."""
+MANY_STEPS = 16
+"""Number of steps of the simulation in an interval that may be twice as long for derivatives."""
 LEAST_TORQUE = 1e-3
 """Smallest unit of force, N or N·m."""
 SHARE = 0.1
@@ -24,9 +26,9 @@ SHARE = 0.1
 
 
 def rough_steps(intervals: Intervals) -> Intervals:
-    """The intervals by long steps of the simulation; those of a held robot keep theirs, which are short already."""
+    """The intervals by long steps of the simulation; those of a held robot keep theirs where there are few in each."""
     replayer = intervals.replayer
-    if not intervals.robot.has_free_base:
+    if not intervals.robot.has_free_base and intervals.interval_s < MANY_STEPS * replayer.largest_step_s:
         return intervals
     return replace(intervals, replayer=replayer.with_steps(ROUGH * replayer.largest_step_s))
 
@@ -142,67 +144,68 @@ class Columns:
         known: "Columns | None" = None,
         acting: Sequence[str] = (),
     ) -> "Columns":
-        """Columns of all effects of some hypotheses at every single place, by replays of moderate departures.
+        """Columns of all effects of some hypotheses at every single place, beside the effects that act already.
 
-        They act beside the effects that act already, by long steps of the simulation, whose error cancels. Of effects
-        ``acting`` the columns that are ``known`` stay, since none acts twice.
-        An effect that acts as a torque along each joint by itself is replayed once, at all places, and what it does is
-        shared out among the joints by the responses to their torques.
+        - Of effects ``acting`` the columns that are ``known`` stay, since none acts twice.
+        - An effect that acts as a torque along each joint by itself is replayed once, at all places; what it does is
+          shared out among the joints by the responses to their torques.
+        - One whose force is known in closed form does what the responses make of that force.
+        - All others are replayed at moderate departures, by long steps of the simulation, whose error cancels.
         """
         robot, intervals = intervals.robot, rough_steps(intervals)
         kinds = {h.name: h for h in hypotheses}
         members = {(name, at): of for name, h in kinds.items() for at, of in places(h.kind, robot).items()}
+        context, ends = force_context(intervals), np.cumsum([own.intervals for own in intervals.courses])
         keys: list[ColumnKey] = []
-        sets: list[tuple[Effect, float]] = []
-        shared: list[tuple[int, tuple[str, ...], int]] = []
+        found: list[Sequence[np.ndarray]] = []
+        replayed: list[tuple[list[int], Hypothesis, int]] = []
+        """Which columns a replay tells, and of which number of what."""
         for name, h in kinds.items():
-            single = members[name, "all"]
-            together = h.kind.along_joints and len(single) > 1
-            for k in range(len(h.parameters)):
-                if name in acting:
-                    keys += [ColumnKey(name, k, place) for place in single]
-                    continue
-                if together:
-                    shared.append((len(keys), single, len(sets)))
-                    sets.append((departed(replace(h, location="all"), k), 1.0))
-                    keys += [ColumnKey(name, k, place) for place in single]
-                    continue
-                for place in single:
-                    there = replace(h, location=place)
-                    sets.append((departed(there, k), there.moderate[k]))
-                    keys.append(ColumnKey(name, k, place))
-        values = [np.zeros((own.intervals, 2 * robot.model.nv, len(keys))) for own in intervals.courses]
-        changes = intervals.changes(
-            [[(*own, effect) for own in intervals.acting] for effect, _ in sets], linearisation.transitions
-        )
-        at, position = {first: (single, index) for first, single, index in shared}, 0
-        index = 0
-        while position < len(keys):
-            if keys[position].effect in acting:
+            single, numbers = members[name, "all"], range(len(h.parameters))
+            new, first = [ColumnKey(name, k, place) for k in numbers for place in single], len(keys)
+            keys += new
+            if name in acting:
                 assert known is not None
-                column = known.keys.index(keys[position])
-                for own, before in zip(values, known.values, strict=True):
-                    own[:, :, position] = before[:, :, column]
-                position += 1
+                found += [[own[:, :, known.keys.index(key)] for own in known.values] for key in new]
                 continue
-            if position in at:
-                single, of_set = at[position]
-                h = kinds[keys[position].effect]
-                dofs = [int(robot.joint_dofs[robot.joints.index(joint)]) for joint in single]
-                size = replace(h, location="all").moderate[keys[position].number]
-                for log, own in enumerate(values):
-                    response = linearisation.forces[log][:, :, dofs]
-                    torque = np.linalg.solve(
-                        np.einsum("kij,kil->kjl", response, response) + 1e-12 * np.eye(len(dofs)),
-                        np.einsum("kij,ki->kj", response, changes[of_set][log])[:, :, None],
-                    )[:, :, 0]
-                    own[:, :, position : position + len(single)] = response * torque[:, None] / size
-                position += len(single)
-            else:
-                for log, own in enumerate(values):
-                    own[:, :, position] = changes[index][log] / sets[index][1]
-                position += 1
-            index += 1
+            forces = None if h.kind.along_joints else closed_form(h.kind, single, context)
+            if forces is not None:
+                for key, force in zip(new, forces, strict=True):
+                    there, of_logs = replace(h, location=key.place), np.split(force, ends[:-1])
+                    found.append(
+                        [
+                            of_force(linearisation, log, own)
+                            + misreported(intervals, linearisation, log, there, key.number)
+                            for log, own in enumerate(of_logs)
+                        ]
+                    )
+                continue
+            found += [[] for _ in new]
+            for k in numbers:
+                at = [first + k * len(single) + i for i in range(len(single))]
+                if h.kind.along_joints and len(single) > 1:
+                    replayed.append((at, replace(h, location="all"), k))
+                    continue
+                replayed += [([i], replace(h, location=place), k) for i, place in zip(at, single, strict=True)]
+        names = [own.states.log.name for own in intervals.courses]
+        sets = [
+            [(*own, departed(h, k, log)) for own, log in zip(intervals.acting, names, strict=True)]
+            for _, h, k in replayed
+        ]
+        changes = intervals.changes(sets, linearisation.transitions)
+        for (at, h, k), change in zip(replayed, changes, strict=True):
+            slopes = [own / h.moderate[k] for own in change]
+            if len(at) == 1:
+                found[at[0]] = slopes
+                continue
+            dofs = [int(robot.joint_dofs[robot.joints.index(keys[i].place)]) for i in at]
+            parts = [shared(own, of[:, :, dofs]) for own, of in zip(slopes, linearisation.forces, strict=True)]
+            for i, column in enumerate(at):
+                found[column] = [own[:, :, i] for own in parts]
+        values = [
+            np.stack([of[log].reshape(own.intervals, -1) for of in found], axis=2)
+            for log, own in enumerate(intervals.courses)
+        ]
         return Columns(tuple(keys), tuple(values), members)
 
     def at(self, hypothesis: Hypothesis, number: int) -> list[int]:
@@ -215,8 +218,65 @@ class Columns:
         ]
 
 
-def departed(hypothesis: Hypothesis, number: int) -> Effect:
-    """The effect with one number a moderate departure from nominal."""
+def departed(hypothesis: Hypothesis, number: int, log: str = "") -> Effect:
+    """The effect with one number a moderate departure from nominal, on a log."""
     numbers = hypothesis.nominal
     numbers[number] += hypothesis.moderate[number]
-    return hypothesis.on("", numbers)
+    return hypothesis.on(log, numbers)
+
+
+def shared(change: np.ndarray, responses: np.ndarray) -> np.ndarray:
+    """Change (intervals, 2 nv) by torques along some joints as parts (intervals, 2 nv, joints), one a joint.
+
+    ``responses`` (intervals, 2 nv, joints) are those to a unit torque at each.
+    """
+    square = np.einsum("kij,kil->kjl", responses, responses) + 1e-12 * np.eye(responses.shape[2])
+    torque = np.linalg.solve(square, np.einsum("kij,ki->kj", responses, change)[:, :, None])
+    return np.asarray(responses * torque[:, None, :, 0])
+
+
+def force_context(intervals: Intervals) -> ForceContext:
+    """The motion of all replays in the middle of each interval, log by log, with the mean commands."""
+    robot, nv, courses = intervals.robot, intervals.robot.model.nv, intervals.courses
+    begin = joined([own.reference[own.begins] for own in courses])
+    change = tangent_difference(joined(intervals.predicted), begin, robot)
+    middle = displaced(begin, 0.5 * change, robot)
+
+    def mean(name: str) -> np.ndarray:
+        found = []
+        for own in courses:
+            rows = own.rows[own.begins][:, None] + np.arange(own.every)
+            found.append(joint_commands(own.states.log, robot, name)[rows].mean(axis=1))
+        return np.concatenate(found)
+
+    commands = Commands(*(mean(name) for name in ("cmd_tau", "cmd_pos", "cmd_vel")))
+    acceleration, gains = change[:, nv:] / intervals.interval_s, (mean("cmd_kp"), mean("cmd_kd"))
+    model = robot.without_shapes
+    return ForceContext(robot, model, middle.qpos, middle.qvel, acceleration, commands, *gains, intervals.interval_s)
+
+
+def joined(motions: Sequence[Motion]) -> Motion:
+    """Motions one after the other."""
+    return Motion(np.concatenate([one.qpos for one in motions]), np.concatenate([one.qvel for one in motions]))
+
+
+def closed_form(kind: type[Effect], single: Sequence[str], at: ForceContext) -> np.ndarray | None:
+    """Force per unit of each number at each place, (numbers × places, intervals, nv); None where it is not known."""
+    forces = [own for place in single if (own := kind.force(at, place)) is not None]
+    return np.stack(forces, axis=1).reshape(-1, *at.qvel.shape) if len(forces) == len(single) else None
+
+
+def of_force(linearisation: Linearisation, log: int, force: np.ndarray) -> np.ndarray:
+    """What a force (intervals, nv), N and N·m, changes by the end of each interval, (intervals, 2 nv)."""
+    return np.einsum("kij,kj->ki", linearisation.forces[log], force / linearisation.units)
+
+
+def misreported(
+    intervals: Intervals, linearisation: Linearisation, log: int, hypothesis: Hypothesis, number: int
+) -> np.ndarray | float:
+    """What one number of an effect changes in the sensors, and so at the true start, per unit, (intervals, 2 nv)."""
+    if not overrides(hypothesis.kind, "change_measured"):
+        return 0.0
+    begins, late = intervals.courses[log].begins, intervals.misreported(log, (departed(hypothesis, number),))
+    kept = np.einsum("kij,kj->ki", linearisation.transitions[log], late[begins])
+    return np.asarray((late[begins + 1] - kept) / hypothesis.moderate[number])

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
+from leapgap.diagnosis.engine.evidence import Posterior, posterior_of, predictive
 from leapgap.diagnosis.engine.points import Acting, Bench, Point, prior_of
 from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
 from leapgap.diagnosis.hypotheses import Hypothesis
@@ -17,21 +18,21 @@ from leapgap.effects.base import overrides
 
 LEAST_GAIN = 30.0
 """Evidence on held-out logs that each number of a cause has to gain, nats: g₀."""
-LEAST_SHARE = 0.2
-"""A cause takes this share of the evidence of a force without a name, or leaves little of it."""
+LEAST_SHARE = 0.03
+"""A cause gains this share of the evidence that is missing, or leaves little without a name."""
 MUCH = 1000.0
 """Evidence of a force without a name beside a set, nats, at which everything is linearised anew about it."""
 MOST_CAUSES = 4
 WORTH_A_LOOK = 5.0
 """Evidence that a hypothesis has to gain by its columns to be compared closely, nats."""
-SHORTLIST, ALIKE, CLOSELY = 6, 2, 3
+SHORTLIST, ALIKE, CLOSELY = 10, 2, 3
 """Sets that are compared by their columns in each round, of one effect, and by replays."""
+LIKELY = 0.5
+"""Share of the gain of the best set that another has to have by its columns to be replayed."""
 TRIED = 12
 """Number of effects that are replayed to both sides where columns tell little."""
-HOPELESS = 200.0
-"""An effect that loses this much evidence by its columns in place of another is not replayed."""
-SETTLED = 0.2
-"""Numbers have settled when none moves by more than this share of its standard deviation."""
+SETTLED = 2.0
+"""Numbers have settled when their next step is worth less evidence than this, nats."""
 ROUNDS = 4
 """Most rounds in which numbers settle."""
 
@@ -60,13 +61,30 @@ class Found:
     @property
     def unnamed(self) -> float:
         """Evidence of a force without a name beside the set, nats: u."""
-        evidence, sums = self.point.evidence, self.point.sums()
-        by_level = evidence.by_level(sums.transform @ evidence.posterior(*sums.priors).mean)
+        evidence = self.point.evidence
+        by_level = evidence.by_level(evidence.posterior(*self.point.priors()).mean)
         return float((by_level.max(axis=0) - by_level[0]).sum())
+
+    @property
+    def missing(self) -> float:
+        """Evidence that a set without a force without a name would have beyond this one, about, nats.
+
+        Errors of such a set are as large as expected at the least level in every block.
+        """
+        evidence = self.point.evidence
+        rows = sum((end - first) for _, first, end in evidence.blocks.places) * self.point.whitened[0].shape[2]
+        by_level = evidence.by_level(evidence.posterior(*self.point.priors()).mean)
+        return float(-0.5 * (rows + evidence.blocks.constant[0].sum()) - by_level.max(axis=0).sum())
 
     def evidence_without(self, members: Sequence[int]) -> float:
         """Evidence of the set with some members at nominal, by its linearisation, nats."""
-        return self.point.evidence.posterior(*self.point.sums((), members).priors).evidence
+        return self.point.evidence.posterior(*self.point.priors((), members)).evidence
+
+    @property
+    def acting(self) -> Acting:
+        """The effects with their numbers, within their ranges."""
+        numbers = split_numbers(self.members, self.numbers)
+        return tuple((h, h.clip(n)) for h, n in zip(self.members, numbers, strict=True))
 
     def with_members(self, kept: Sequence[int]) -> "Found":
         """The set with some of its members, not yet replayed."""
@@ -108,7 +126,7 @@ class Search:
             worth = [h for gain, h in screen(now.point) if gain > WORTH_A_LOOK]
             linear = [self.judge(now.point, [h]) for h in few_of_each(worth, ALIKE)[:SHORTLIST]]
             linear.sort(key=lambda one: -one.worth)
-            tried = [self.settle(one) for one in linear[:CLOSELY]]
+            tried = self.promising(now, linear)
             if replay and not now.members:
                 tried += self.replayed(now)
             if not tried:
@@ -122,43 +140,66 @@ class Search:
             rivals = (*now.rivals, *(own for own in others if own[1].name != newest.name))
             if best.unnamed > MUCH:
                 best = self.exchanged(self.linearised(best))
-            if best.unnamed > max(MUCH, (1 - LEAST_SHARE) * now.unnamed):
+            if best.unnamed > MUCH and best.predictive - now.predictive < LEAST_SHARE * now.missing:
                 break
             path.append(replace(self.without_idle(best), rivals=rivals))
         return path
 
+    def promising(self, now: Found, linear: Sequence[Found]) -> list[Found]:
+        """Those sets, settled, that may gain most by what their columns say, the best first.
+
+        Where little is left without a name columns are right, and a set that gains nothing by them is none. Where much
+        is, sets are judged by replays at the numbers that their columns give. A further set is settled if it may gain
+        half of the best.
+        """
+        gains = [one.worth - now.worth for one in linear]
+        if now.unnamed > MUCH:
+            base = self.bench.glance(now.point, now.acting)
+            glances = [self.bench.glance(now.point, one.acting) - base for one in linear]
+            gains = [max(pair) for pair in zip(gains, glances, strict=True)]
+        found: list[Found] = []
+        for k in np.argsort(-np.array(gains), kind="stable")[:CLOSELY]:
+            best = max((own.worth - now.worth for own in found), default=0.0)
+            if gains[k] <= LIKELY * best:
+                break
+            found.append(self.settle(linear[k]))
+        return found
+
     def judge(self, point: Point, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> Found:
         """What the logs say of a point's set, and further effects, with the levels that suit it."""
-        sums = point.sums(further, without)
-        used = np.flatnonzero(sums.transform.any(axis=1))
-        evidence, priors = point.evidence.only(used), (sums.transform[used], sums.deviation, sums.centre)
-        evidence.choose_levels(*priors)
+        priors, first = point.priors(further, without), point.nuisances
+        evidence = point.evidence_with(further).at_best_levels(*priors)
         whole = evidence.posterior(*priors)
-        predictive, folds = 0.0, []
-        for rest in evidence.without_each(self.folds[evidence.log_of_block]):
-            other = evidence.posterior(*priors, rest)
-            predictive += whole.evidence - other.evidence
-            folds.append(other.mean[sums.nuisances :])
+        held_out, folds = 0.0, []
+        of_folds, (gram, constant) = evidence.of_each(self.folds[evidence.blocks.log]), evidence.total()
+        for own, own_constant in of_folds:
+            rest = posterior_of(gram - own, constant - own_constant, *priors)
+            told = Posterior(0.0, rest.mean[first:], rest.covariance[first:, first:])
+            held_out += predictive(own, own_constant, priors[0][:first], told)
+            folds.append(told.mean)
         at = np.concatenate([np.zeros(0), *(n for _, n in point.acting), *(h.nominal for h in further)])
         return Found(
             replace(point, evidence=replace(point.evidence, levels=evidence.levels)),
             (*(h for h, _ in point.acting), *further),
-            at + whole.mean[sums.nuisances :],
-            whole.covariance[sums.nuisances :, sums.nuisances :],
+            at + whole.mean[first:],
+            whole.covariance[first:, first:],
             at + np.array(folds),
             whole.evidence,
-            predictive,
+            held_out,
         )
+
+    def moved(self, near: Point, acting: Acting) -> Found:
+        """A set at some numbers, replayed."""
+        return self.judge(self.bench.moved(near.intervals, near.basis, acting))
 
     def settle(self, found: Found) -> Found:
         """The set at the numbers that its own replays give."""
         for _ in range(ROUNDS if found.members else 0):
-            numbers = split_numbers(found.members, found.numbers)
-            acting = tuple((h, h.clip(n)) for h, n in zip(found.members, numbers, strict=True))
+            acting = found.acting
             before = np.concatenate([n for _, n in acting])
-            found = self.judge(self.bench.moved(found.point, acting))
-            spread = np.sqrt(np.diag(found.covariance))
-            if (np.abs(found.numbers - before) <= SETTLED * spread + 1e-3 * np.abs(before)).all():
+            found = self.moved(found.point, acting)
+            step = found.numbers - before
+            if 0.5 * step @ np.linalg.solve(found.covariance, step) < SETTLED:
                 break
         return found
 
@@ -174,7 +215,7 @@ class Search:
                     acting = (*now.point.acting, (h, numbers))
                     trials.append((self.bench.glance(now.point, acting), acting))
         trials.sort(key=lambda pair: -pair[0])
-        return [self.settle(self.judge(self.bench.moved(now.point, acting))) for _, acting in trials[:2]]
+        return [self.settle(self.moved(now.point, acting)) for _, acting in trials[:2]]
 
     def linearised(self, found: Found) -> Found:
         """The set with everything linearised about it."""
@@ -183,19 +224,24 @@ class Search:
 
     def exchanged(self, found: Found) -> Found:
         """The set with one member in place of another, where that predicts the logs better."""
+        base = self.bench.glance(found.point, found.acting)
         for m in range(len(found.members)):
-            less = found.evidence_without([m])
-            for gain, h in screen(found.point, [m])[:2]:
-                if less + gain < found.evidence - HOPELESS:
+            order = [k if k != m else len(found.members) for k in range(len(found.members))]
+            likely = [one for one in self.in_place_of(found, m)[:CLOSELY] if one.worth > found.worth]
+            for linear in (one.with_members(order) for one in likely):
+                if self.bench.glance(found.point, linear.acting) < base:
                     continue
-                linear = self.judge(found.point, [h], [m])
-                order = [k if k != m else len(found.members) for k in range(len(found.members))]
-                other = self.settle(linear.with_members(order))
-                self.progress(f"{h.label} for {found.members[m].label}: {other.worth - found.worth:.1f}")
+                other = self.settle(linear)
+                self.progress(f"{other.members[m].label} for {found.members[m].label}: {other.worth - found.worth:.1f}")
                 if other.worth > found.worth:
                     found = other
                     break
         return found
+
+    def in_place_of(self, found: Found, member: int) -> list[Found]:
+        """The set with the likeliest effects by their columns in place of a member, which is taken back to nominal."""
+        likely = few_of_each([h for _, h in screen(found.point, [member])], ALIKE)[:SHORTLIST]
+        return sorted((self.judge(found.point, [h], [member]) for h in likely), key=lambda one: -one.evidence)
 
     def without_idle(self, found: Found) -> Found:
         """The set without members that the others have made needless."""
@@ -220,14 +266,13 @@ def screen(point: Point, without: Sequence[int] = ()) -> list[tuple[float, Hypot
     In closed form: columns and errors less what the nuisances and the point's own numbers can do for them. Members
     ``without`` are taken back to nominal, and others of their effect may take their place.
     """
-    sums = point.sums((), without)
-    gram, _ = point.evidence.total()
-    shifted = np.eye(len(gram))
-    shifted[1:, 0] = -(sums.transform @ sums.centre)
-    gram = shifted.T @ gram @ shifted
-    scaled = sums.transform * sums.deviation
-    cross = gram[:, 1:] @ scaled
-    left = gram - cross @ np.linalg.solve(np.eye(len(sums.deviation)) + scaled.T @ gram[1:, 1:] @ scaled, cross.T)
+    deviation, centre = point.priors((), without)
+    levels, used = point.evidence.levels, len(deviation)
+    stacked = [point.basis.blocks.at_levels(own, levels) for own in (point.whitened, point.basis.whitened)]
+    stacked[0][:, 0] -= stacked[0][:, 1:] @ centre
+    known, columns = stacked[0][:, 1:] * deviation, np.concatenate([stacked[0][:, :1], stacked[1]], axis=1)
+    cross = columns.T @ known
+    left = columns.T @ columns - cross @ np.linalg.solve(np.eye(used) + known.T @ known, cross.T)
     present = {h.name for m, (h, _) in enumerate(point.acting) if m not in without}
     same = {h.label for h, _ in point.acting}
     found = []
@@ -235,7 +280,7 @@ def screen(point: Point, without: Sequence[int] = ()) -> list[tuple[float, Hypot
         if h.name in present or h.label in same:
             continue
         size = prior_of(h)
-        part = np.zeros((len(gram) - 1, len(size)))
+        part = np.zeros((len(left) - 1, len(size)))
         for k, own in enumerate(size):
             part[point.basis.columns.at(h, k), k] = own
         normal, slope = np.eye(len(size)) + part.T @ left[1:, 1:] @ part, part.T @ left[1:, 0]
@@ -265,5 +310,6 @@ def moves_contacts(hypothesis: Hypothesis) -> bool:
 
 def describe(found: Found) -> str:
     """The set in words: ``payload 1.7 + joint_damping at elbow 0.4``."""
-    acting: Acting = tuple(zip(found.members, split_numbers(found.members, found.numbers), strict=True))
-    return " + ".join(f"{h.label} {' '.join(f'{n:.4g}' for n in own)}" for h, own in acting)
+    numbers = split_numbers(found.members, found.numbers)
+    parts = zip(found.members, numbers, strict=True)
+    return " + ".join(f"{h.label} {' '.join(f'{n:.4g}' for n in own)}" for h, own in parts)

@@ -18,7 +18,7 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, clip_numbers
 from leapgap.diagnosis.decision import Conclusion
-from leapgap.diagnosis.engine.search import LEAST_GAIN, Found, Search, few_of_each, screen
+from leapgap.diagnosis.engine.search import LEAST_GAIN, LEAST_SHARE, Found, Search, few_of_each, screen
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 
@@ -26,6 +26,8 @@ UNNAMED = 20.0
 """Evidence of a force without a name for each block, nats, up to which a set explains the logs: u₀."""
 SINGLES = 8
 """Number of single effects that a report lists beside the answer."""
+LEAST_CLOSURE = 0.01
+"""Share of the gap that each member of a set has to close."""
 APART = LEAST_GAIN
 """Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀."""
 
@@ -77,21 +79,21 @@ class Rival:
     """Evidence that the set loses by it, nats."""
 
 
-def rivals_of(found: Found, member: int) -> list[Rival]:
+def rivals_of(search: Search, found: Found, member: int) -> list[Rival]:
     """The likeliest effects in place of a member, the best first: those that were replayed, and by columns the others.
 
     None of them is another place of the same effect.
     """
     own = found.members[member]
-    less = found.evidence_without([member])
-    near = [Rival(h, found.evidence - less - gain) for gain, h in screen(found.point, [member]) if h.name != own.name]
+    near = [Rival(one.members[-1], found.evidence - one.evidence) for one in search.in_place_of(found, member)]
     replayed = [Rival(h, loss) for label, h, loss in found.rivals if label == own.label]
-    return sorted([*near[:3], *replayed], key=lambda rival: rival.loss)
+    others = [rival for rival in (*near, *replayed) if rival.hypothesis.name != own.name]
+    return sorted(others, key=lambda rival: rival.loss)
 
 
 def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> EvidenceJudgement:
     """The conclusion of a search: verdict, causes in the order of what they explain, and the four numbers."""
-    start, found = path[0], path[-1]
+    start, found = path[0], without_immaterial(search, path[0], path[-1], gap)
     blocks = len(found.point.evidence.levels)
     u, before = found.unnamed, start.unnamed
     nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
@@ -102,7 +104,7 @@ def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> Evidence
         return EvidenceJudgement(Conclusion("none" if explained else "unknown", ()), nominal, others, numbers)
     losses = [found.evidence - found.evidence_without([m]) for m in range(len(found.members))]
     order = [int(m) for m in np.argsort(losses)[::-1]]
-    rivals = [rivals_of(found, m) for m in order]
+    rivals = [rivals_of(search, found, m) for m in order]
     d = min((own[0].loss for own in rivals if own), default=np.inf)
     answer = tuple(
         (found.members[m].name, *dict.fromkeys(r.hypothesis.name for r in own if r.loss < APART))
@@ -121,6 +123,29 @@ def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> Evidence
         verdict = "ambiguous" if any(len(names) > 1 for names in answer) else "named"
     sure = tuple(1 / (1 + sum(np.exp(-np.clip(r.loss, -50, 50)) for r in own)) for own in rivals)
     return EvidenceJudgement(Conclusion(verdict, answer, steps, sure), steps[-1], others, numbers)
+
+
+def without_immaterial(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Found:
+    """The set without members that gain little beside the others and leave the gap of whole logs as it was.
+
+    They make up for errors of the simulation and are no causes of the gap.
+    """
+    while len(found.members) > 1 and gap.has_gap:
+        members = range(len(found.members))
+        fewer = [[m for m in members if m != one] for one in members]
+        whole, *others = gap.figures([candidate_of(found), *(candidate_of(found, kept) for kept in fewer)])
+        small = LEAST_SHARE * (found.predictive - start.predictive)
+        idle = [
+            one
+            for one, own in zip(members, others, strict=True)
+            if whole.closure.value - own.closure.value < LEAST_CLOSURE
+            and found.predictive - search.judge(found.point, (), [one]).predictive < small
+        ]
+        if not idle:
+            break
+        search.progress(f"without {found.members[idle[0]].label}, which closes nothing")
+        found = search.settle(found.with_members(fewer[idle[0]]))
+    return found
 
 
 def single_effects(search: Search, start: Found, found: Found) -> list[tuple[Candidate, float]]:

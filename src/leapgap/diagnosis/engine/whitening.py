@@ -8,11 +8,10 @@ for each level of the force, and errors and columns pass through the same recurs
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
-from leapgap.diagnosis.engine.intervals import Intervals, roll
+from leapgap.diagnosis.engine.intervals import Intervals, Models, Pool, roll
 from leapgap.diagnosis.engine.responses import Displacements, Linearisation, force_units, rough_steps
 from leapgap.robot.motion import Motion
 
@@ -177,15 +176,16 @@ class Following:
     chunks: Chunks
     offsets: Sequence[np.ndarray]
     """What effects with a memory add at the end of each interval, (intervals, 2 nv) a log."""
+    models: Models
 
     def __post_init__(self) -> None:
         """Lay the logs side by side, at the beginning of each chunk."""
         own, logs = self.intervals, range(len(self.intervals.courses))
         self.nq, self.nv = own.robot.model.nq, own.robot.model.nv
-        self.prepared = [own.prepare(log, own.without_memory(log)) for log in logs]
+        self.prepared = [own.prepare(log, own.without_memory(log), self.models) for log in logs]
         self.misreported = [own.misreported(log, own.without_memory(log)) for log in logs]
         self.references = [np.concatenate([c.reference.qpos, c.reference.qvel], axis=1) for c in own.courses]
-        self.data = [mujoco.MjData(self.prepared[0].models[0]) for _ in range(own.replayer.threads)]
+        self.pool = Pool(self.prepared[0].models[0], own.replayer.threads)
         at = zip(self.chunks.log, self.chunks.first, strict=True)
         self.state = np.array([own.courses[log].start_states[first] for log, first in at])
         self.force = np.zeros((len(self.chunks.log), self.nv))
@@ -217,7 +217,7 @@ class Following:
             (self.prepared[log], np.repeat(np.array([i for g, i in at if g == log]), width))
             for log in dict.fromkeys(logs.tolist())
         ]
-        reached = roll(parts, starts, forces, self.data)[:, 0]
+        reached = roll(parts, starts, forces, self.pool)[:, 0]
         added = after + np.repeat([self.offsets[log][interval] for log, interval in at], width, axis=0)
         return displaced(reached, added, robot) if added.any() else reached
 
@@ -264,8 +264,17 @@ def linearise(
     standard deviation of zeros of joint sensors while a log is followed: feet that are reported in the air, or deep in
     the ground, would else have no contact to linearise about. No zero is counted where sets are judged.
     """
-    following, robot = Following(intervals, chunks, offsets), intervals.robot
-    rough = Following(rough_steps(intervals), chunks, offsets)
+    rough = rough_steps(intervals)
+    with Models(intervals.replayer) as models, Models(rough.replayer) as of_rough:
+        pair = Following(intervals, chunks, offsets, models), Following(rough, chunks, offsets, of_rough)
+        return linearised_along(*pair, wrong_zero, level)
+
+
+def linearised_along(
+    following: Following, rough: Following, wrong_zero: float, level: float
+) -> tuple[Intervals, Linearisation]:
+    """The same, by robots that follow the logs by the steps of the replays and by long ones."""
+    intervals, chunks, robot = following.intervals, following.chunks, following.intervals.robot
     entries, nv = intervals.channels.state_entries, robot.model.nv
     zeros = zero_entries(intervals)
     n = 2 * nv
@@ -317,9 +326,10 @@ def follow(
     intervals: Intervals, chunks: Chunks, offsets: Sequence[np.ndarray], linearisation: Linearisation
 ) -> Intervals:
     """Intervals whose references follow the logs with the gains of a linearisation."""
-    following = Following(intervals, chunks, offsets)
-    for k in range(chunks.longest):
-        order = following.chunks_at(k)
-        base = following.reach(k, order, following.state[order], following.force[order] * linearisation.units)
-        following.correct(k, order, base, linearisation.gains[order, k])
-    return following.result
+    with Models(intervals.replayer) as models:
+        following = Following(intervals, chunks, offsets, models)
+        for k in range(chunks.longest):
+            order = following.chunks_at(k)
+            base = following.reach(k, order, following.state[order], following.force[order] * linearisation.units)
+            following.correct(k, order, base, linearisation.gains[order, k])
+        return following.result
