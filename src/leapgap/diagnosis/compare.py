@@ -149,7 +149,7 @@ class Told:
         for k, number in enumerate(numbers):
             weights[paired.point.basis.columns.at(h, k)] += number
         shares = paired.by_log(weights, slice(-len(numbers), None))
-        logs = paired.point.evidence.log_of_block
+        logs = paired.point.evidence.blocks.log
         later = np.array([paired.after[logs == log].all() for log in range(len(shares))])
         return stands_out(shares[~later], shares[later] + 1)  # the difference acts already
 
@@ -241,11 +241,11 @@ def compare_logs(
     of = RefereedLogs.of("compare", logs, robot, settings or Settings(), threads)
     progress(f"{len(before)} logs before, {len(after)} after")
     point = of.bench.nominal()
-    later = point.evidence.log_of_block >= len(before)
+    later = point.evidence.blocks.log >= len(before)
     # Each fold leaves out logs of both sets.
     fold = np.concatenate([np.arange(len(before)), np.arange(len(after))]) % min(len(before), len(after), 4)
     shared = Search(of.bench, of.folds, lambda line: progress(f"in all logs: {line}")).ascend(point)[-1].point
-    told = Told.of(Paired(of.bench, shared, later, fold[point.evidence.log_of_block]))
+    told = Told.of(Paired(of.bench, shared, later, fold[point.evidence.blocks.log]).with_all())
     names = frozenset(log.name for log in logs[len(before) :])
     differences = [Difference.of(h, names) for h in of.bench.hypotheses]
     varying: list[str] = []

@@ -158,7 +158,7 @@ def judge_correction(
     progress(f"{len(logs)} logs, {len(changes)} changes")
     start = logs_of.bench.nominal()
     if changes:
-        start = logs_of.bench.moved(start, tuple((change, np.ones(1)) for change in changes))
+        start = logs_of.bench.moved(start.intervals, start.basis, tuple((change, np.ones(1)) for change in changes))
     found = with_further(search, search.settle(search.judge(start)), changes)
     told = [judge_change(search, found, len(changes), k) for k in range(len(changes))]
     further = zip(found.members, split_numbers(found.members, found.numbers), strict=True)
@@ -234,13 +234,12 @@ def evidence_at(
 
     The other numbers of the set are free; members ``without`` are at nominal.
     """
-    sums = found.point.sums((), without)
-    first = sums.nuisances + sum(len(h.parameters) for h in found.members[:member])
-    deviation, centre = sums.deviation.copy(), sums.centre.copy()
+    deviation, centre = found.point.priors((), without)
+    first = found.point.nuisances + sum(len(h.parameters) for h in found.members[:member])
     at = found.point.acting[member][1][0]
     if value is not None:
         deviation[first], centre[first] = ABSENT, value - at
-    posterior = found.point.evidence.posterior(sums.transform, deviation, centre)
+    posterior = found.point.evidence.posterior(deviation, centre)
     return posterior.evidence, at + posterior.mean[first], float(np.sqrt(posterior.covariance[first, first]))
 
 

@@ -28,11 +28,20 @@ class Paired:
     @property
     def shared(self) -> int:
         """Number of columns of the basis, all of which both sets share."""
-        return len(self.point.basis.nuisances)
+        return int(self.point.basis.whitened[0].shape[3])
 
     def moved(self, acting: Acting) -> "Paired":
         """The same with other differences that act."""
-        return replace(self, point=self.bench.moved(self.point, acting))
+        return replace(self, point=self.bench.moved(self.point.intervals, self.point.basis, acting)).with_all()
+
+    def with_all(self) -> "Paired":
+        """The same with the evidence of all columns of the basis, in place of those of the nuisances alone."""
+        point, basis = self.point, self.point.basis
+        parts = zip(point.whitened, basis.whitened, strict=True)
+        columns = [np.concatenate([own[..., :1], of, own[..., 1 + point.nuisances :]], axis=3) for own, of in parts]
+        products = basis.blocks.products(basis.whitened, basis.whitened)
+        evidence = replace(Evidence.of(basis.blocks, columns, products), levels=point.evidence.levels)
+        return replace(self, point=replace(point, evidence=evidence))
 
     def extended(self, total: tuple[np.ndarray, float], later: np.ndarray) -> np.ndarray:
         """Inner products of errors, all columns, and the basis in the later set alone."""
@@ -48,13 +57,15 @@ class Paired:
     def sums(self, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> tuple[np.ndarray, ...]:
         """Transform, prior deviations and means: shared columns, narrow nuisances, acting and further differences."""
         point, n = self.point, self.shared
-        own = point.sums((), without)
-        acting = own.transform[:, own.nuisances :]
-        size = len(own.transform)
-        blocks = [np.eye(size + n)[:, :n], np.concatenate([np.zeros((size, own.nuisances)), point.basis.nuisances])]
-        blocks.append(np.concatenate([acting, np.zeros((n, acting.shape[1]))]))
-        deviation = [self.wide, point.basis.deviation, own.deviation[own.nuisances :]]
-        centre = [np.zeros(n), np.zeros(own.nuisances), own.centre[own.nuisances :]]
+        (own, at), first = point.priors((), without), point.nuisances
+        size, number = n + len(own) - first, len(own) - first
+        acting = np.zeros((size + n, number))
+        acting[n:size] = np.eye(number)
+        narrow = np.zeros((size + n, first))
+        narrow[size + point.basis.nuisances, range(first)] = 1
+        blocks = [np.eye(size + n)[:, :n], narrow, acting]
+        deviation = [self.wide, point.basis.deviation, own[first:]]
+        centre = [np.zeros(n + first), at[first:]]
         for h in further:
             part = np.zeros((size + n, len(h.parameters)))
             for k in range(len(h.parameters)):
@@ -77,7 +88,7 @@ class Paired:
         evidence = self.point.evidence
         chosen = np.ones(len(self.after), bool) if blocks is None else blocks
         total, later = evidence.total(chosen), evidence.total(chosen & self.after)[0]
-        return posterior_of(self.extended(total, later), total[1], *sums)
+        return posterior_by(self.extended(total, later), total[1], *sums)
 
     def with_levels(self, sums: tuple[np.ndarray, ...], rounds: int = 3) -> "Paired":
         """The same at the level of the force without a name that suits each block best."""
@@ -109,11 +120,11 @@ class Paired:
         deviation[first:][held], centre[first:][held] = ABSENT, 0.0
         gram, constant = evidence.total()
         base = self.extended((gram, constant), evidence.total(self.after)[0])
-        logs, size = int(evidence.log_of_block.max()) + 1, len(base)
+        logs, size = int(evidence.blocks.log.max()) + 1, len(base)
         whole = np.zeros((size + logs, size + logs))
         whole[:size, :size] = base
         for log in range(logs):
-            of = evidence.log_of_block == log
+            of = evidence.blocks.log == log
             own = evidence.total(of)[0]
             with_all = own[:, 1 : 1 + n] @ weights
             column = np.zeros(size)
@@ -126,4 +137,13 @@ class Paired:
         wider[: size - 1, : transform.shape[1]] = transform
         wider[size - 1 :, transform.shape[1] :] = np.eye(logs)
         priors = np.concatenate([deviation, np.full(logs, SHARE)]), np.concatenate([centre, np.zeros(logs)])
-        return posterior_of(whole, constant, wider, *priors).mean[-logs:]
+        return posterior_by(whole, constant, wider, *priors).mean[-logs:]
+
+
+def posterior_by(
+    gram: np.ndarray, constant: float, transform: np.ndarray, deviation: np.ndarray, centre: np.ndarray
+) -> Posterior:
+    """The posterior of sums of columns: ``transform`` (columns, used), prior deviations and means (used,)."""
+    summed = np.zeros((len(gram), 1 + transform.shape[1]))
+    summed[0, 0], summed[1:, 1:] = 1, transform
+    return posterior_of(summed.T @ gram @ summed, constant, deviation, centre)
