@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
 
 from leapgap.diagnosis.candidates import split_numbers
 from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, Search, few_of_each
@@ -163,6 +162,8 @@ class Told:
 
 def stands_out(before: np.ndarray, after: np.ndarray) -> bool:
     """Whether two sets of numbers, one a log, differ by more than each scatters, by Student's test."""
+    from scipy.stats import t as student  # takes as long to import as a check takes
+
     freedom = len(before) + len(after) - 2
     squares = sum(float(((own - own.mean()) ** 2).sum()) for own in (before, after))
     error = np.sqrt(squares / freedom * (1 / len(before) + 1 / len(after)))
@@ -245,7 +246,7 @@ def compare_logs(
     # Each fold leaves out logs of both sets.
     fold = np.concatenate([np.arange(len(before)), np.arange(len(after))]) % min(len(before), len(after), 4)
     shared = Search(of.bench, of.folds, lambda line: progress(f"in all logs: {line}")).ascend(point)[-1].point
-    told = Told.of(Paired.of(of.bench, shared, later, fold[point.evidence.blocks.log]))
+    told = Told.of(Paired(of.bench, shared, later, fold[point.evidence.blocks.log]).with_all())
     names = frozenset(log.name for log in logs[len(before) :])
     differences = [Difference.of(h, names) for h in of.bench.hypotheses]
     varying: list[str] = []

@@ -158,8 +158,7 @@ def judge_correction(
     progress(f"{len(logs)} logs, {len(changes)} changes")
     start = logs_of.bench.nominal()
     if changes:
-        acting = tuple((change, np.ones(1)) for change in changes)
-        start = logs_of.bench.moved(start.intervals, start.basis, acting)
+        start = logs_of.bench.moved(start.intervals, start.basis, tuple((change, np.ones(1)) for change in changes))
     found = with_further(search, search.settle(search.judge(start)), changes)
     told = [judge_change(search, found, len(changes), k) for k in range(len(changes))]
     further = zip(found.members, split_numbers(found.members, found.numbers), strict=True)

@@ -20,30 +20,28 @@ class Paired:
 
     bench: Bench
     point: Point
-    """Its evidence is of errors, all columns of the basis, and numbers of the acting differences."""
     after: np.ndarray
     """Which blocks are of the later set, bool, (blocks,)."""
     folds: np.ndarray
     """Fold of each block, (blocks,)."""
-    products: np.ndarray
-    """Inner products of the columns of the basis, (levels, blocks, columns, columns)."""
-
-    @staticmethod
-    def of(bench: Bench, point: Point, after: np.ndarray, folds: np.ndarray) -> "Paired":
-        """Evidence of two sets of logs from a point of all of them."""
-        basis = point.basis
-        products = basis.blocks.products(basis.whitened, basis.whitened)
-        return Paired(bench, with_all_columns(point, products), after, folds, products)
 
     @property
     def shared(self) -> int:
         """Number of columns of the basis, all of which both sets share."""
-        return self.products.shape[2]
+        return int(self.point.basis.whitened[0].shape[3])
 
     def moved(self, acting: Acting) -> "Paired":
         """The same with other differences that act."""
-        point = self.bench.moved(self.point.intervals, self.point.basis, acting)
-        return replace(self, point=with_all_columns(point, self.products))
+        return replace(self, point=self.bench.moved(self.point.intervals, self.point.basis, acting)).with_all()
+
+    def with_all(self) -> "Paired":
+        """The same with the evidence of all columns of the basis, in place of those of the nuisances alone."""
+        point, basis = self.point, self.point.basis
+        parts = zip(point.whitened, basis.whitened, strict=True)
+        columns = [np.concatenate([own[..., :1], of, own[..., 1 + point.nuisances :]], axis=3) for own, of in parts]
+        products = basis.blocks.products(basis.whitened, basis.whitened)
+        evidence = replace(Evidence.of(basis.blocks, columns, products), levels=point.evidence.levels)
+        return replace(self, point=replace(point, evidence=evidence))
 
     def extended(self, total: tuple[np.ndarray, float], later: np.ndarray) -> np.ndarray:
         """Inner products of errors, all columns, and the basis in the later set alone."""
@@ -58,13 +56,16 @@ class Paired:
 
     def sums(self, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> tuple[np.ndarray, ...]:
         """Transform, prior deviations and means: shared columns, narrow nuisances, acting and further differences."""
-        point, n, narrow = self.point, self.shared, self.point.nuisances
-        of_acting, centre_of_acting = (own[narrow:] for own in point.priors((), without))
-        size = point.evidence.gram.shape[2] - 1
-        unit = np.eye(size + n)
-        blocks = [unit[:, :n], unit[:, size + point.basis.nuisances], unit[:, n:size]]
-        deviation = [self.wide, point.basis.deviation, of_acting]
-        centre = [np.zeros(n), np.zeros(narrow), centre_of_acting]
+        point, n = self.point, self.shared
+        (own, at), first = point.priors((), without), point.nuisances
+        size, number = n + len(own) - first, len(own) - first
+        acting = np.zeros((size + n, number))
+        acting[n:size] = np.eye(number)
+        narrow = np.zeros((size + n, first))
+        narrow[size + point.basis.nuisances, range(first)] = 1
+        blocks = [np.eye(size + n)[:, :n], narrow, acting]
+        deviation = [self.wide, point.basis.deviation, own[first:]]
+        centre = [np.zeros(n + first), at[first:]]
         for h in further:
             part = np.zeros((size + n, len(h.parameters)))
             for k in range(len(h.parameters)):
@@ -77,8 +78,7 @@ class Paired:
     @cached_property
     def wide(self) -> np.ndarray:
         """Prior deviations of the shared columns: of anything that the model may be wrong by, (columns,)."""
-        found, basis = np.ones(self.shared), self.point.basis
-        found[basis.nuisances] = basis.deviation  # of late logs and finer steps
+        found = np.ones(self.shared)
         for i, key in enumerate(self.point.basis.columns.keys):
             found[i] = prior_of(replace(self.bench.kinds[key.effect], location=key.place))[key.number]
         return found
@@ -88,7 +88,7 @@ class Paired:
         evidence = self.point.evidence
         chosen = np.ones(len(self.after), bool) if blocks is None else blocks
         total, later = evidence.total(chosen), evidence.total(chosen & self.after)[0]
-        return transformed(self.extended(total, later), total[1], *sums)
+        return posterior_by(self.extended(total, later), total[1], *sums)
 
     def with_levels(self, sums: tuple[np.ndarray, ...], rounds: int = 3) -> "Paired":
         """The same at the level of the force without a name that suits each block best."""
@@ -137,25 +137,13 @@ class Paired:
         wider[: size - 1, : transform.shape[1]] = transform
         wider[size - 1 :, transform.shape[1] :] = np.eye(logs)
         priors = np.concatenate([deviation, np.full(logs, SHARE)]), np.concatenate([centre, np.zeros(logs)])
-        return transformed(whole, constant, wider, *priors).mean[-logs:]
+        return posterior_by(whole, constant, wider, *priors).mean[-logs:]
 
 
-def with_all_columns(point: Point, products: np.ndarray) -> Point:
-    """A point whose evidence has all columns of its basis, with these inner products, in place of nuisances alone."""
-    first = 1 + point.nuisances
-    columns = [
-        np.concatenate([own[..., :1], of_basis, own[..., first:]], axis=3)
-        for own, of_basis in zip(point.whitened, point.basis.whitened, strict=True)
-    ]
-    evidence = Evidence.of(point.basis.blocks, columns, products)
-    return replace(point, evidence=replace(evidence, levels=point.evidence.levels))
-
-
-def transformed(
+def posterior_by(
     gram: np.ndarray, constant: float, transform: np.ndarray, deviation: np.ndarray, centre: np.ndarray
 ) -> Posterior:
-    """The posterior of sums of columns, ``transform`` (columns, sums)."""
-    size = transform.shape[1]
-    joined = np.zeros((len(gram), 1 + size))
-    joined[0, 0], joined[1:, 1:] = 1, transform
-    return posterior_of(joined.T @ gram @ joined, constant, deviation, centre)
+    """The posterior of sums of columns: ``transform`` (columns, used), prior deviations and means (used,)."""
+    summed = np.zeros((len(gram), 1 + transform.shape[1]))
+    summed[0, 0], summed[1:, 1:] = 1, transform
+    return posterior_of(summed.T @ gram @ summed, constant, deviation, centre)
