@@ -145,14 +145,14 @@ def test_threads_beyond_any_machine_are_refused(threads: str, arm: Path, capsys:
     ],
 )
 def test_settings_that_would_never_end_are_refused(name: str, value: float, expected: str) -> None:
-    with pytest.raises(InputError, match=rf"^diagnose\.settings.{name}: found .*; expected .*{expected}"):
+    with pytest.raises(InputError, match=rf"^settings\.{name}: found .*; expected .*{expected}"):
         Settings(**{name: value})
 
 
 @pytest.mark.parametrize("name", ["shortlist", "per_effect", "steps", "promising", "beams", "most_causes"])
 def test_a_search_without_steps_or_causes_is_refused(name: str) -> None:
     for value in (0, -1):
-        with pytest.raises(InputError, match=rf"^diagnose\.settings.plan.{name}: found {value}; expected 1 or more"):
+        with pytest.raises(InputError, match=rf"^settings\.plan.{name}: found {value}; expected 1 or more"):
             SearchSettings(**{name: value})
 
 

@@ -146,7 +146,7 @@ def test_a_log_of_two_thousand_seconds_is_refused(arm: Robot, tmp_path: Path) ->
     columns = {"time": np.arange(2000.0)} | {f"joint_pos/{joint}": 0.1 * np.sin(np.arange(2000.0)) for joint in ARM}
     path = write_table(tmp_path / "a.csv", columns)
     layout = log_format("csv")
-    with pytest.raises(InputError, match=r"2000 rows of 1000 ms, 1999 s in all; .*units.time"):
+    with pytest.raises(InputError, match=r"2000 rows of 1000 ms, 1999 s in all; .*units: .time"):
         layout.read(path, "a", arm, layout.Options(constants=NO_COMMANDS))
 
 

@@ -105,7 +105,8 @@ def diagnose(
     fine = ready.replayer.with_steps(FINE * ready.replayer.largest_step_s)
     # The map is of all rows: a force from outside is part of the gap, though nothing is fitted to its rows.
     mapped = ready.given if ready.outside.logs else ready.judged
-    places = localise(mapped, fine, settings.where_horizon_s, settings.noise_draws, rng)
+    draws = settings.noise_draws_of(sum(mapped.rows))
+    places = localise(mapped, fine, settings.where_horizon_s, draws, rng)
     judged, gap = ready.judged, heldout_gap.gap(heldout_gap.before)
     pieces = (settings.horizon_s, settings.every_s)
     proposal, numbers = None, None
@@ -194,13 +195,14 @@ def prepare(
         judged = JudgedLogs.of(outside.logs, robot, settings.sizes)
         again = {one.name: one for one in run_checks(judged.logs, robot, settings.check_thresholds, outside.logs)}
         checks = [one if one.reads is not None else again.get(one.name, one) for one in checks]
-    heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, settings.noise_draws, settings.bootstrap_draws, rng)
+    draws = settings.noise_draws_of(sum(judged.rows))
+    heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, draws, settings.bootstrap_draws, rng)
     progress(f"step 1 of 3, checks and replays: {len(logs)} logs, {sum(judged.rows)} samples are judged")
     for force in outside.forces:
         progress(f"external force: {force.says}")
     if clock is not None:
         judged = clock.judged
-        heldout_gap = heldout_gap.by_own_clock(judged, settings.noise_draws, rng)
+        heldout_gap = heldout_gap.by_own_clock(judged, draws, rng)
         progress(f"with corrected time stamps: gap {heldout_gap.gap(heldout_gap.nominal):.3f}")
     return ReadyLogs(given, judged, replayer, heldout_gap, checks, clock, outside)
 
@@ -239,7 +241,7 @@ def find_answer(
     whole, coarse = map(pieces, counts)
     result = find_causes(whole, coarse, hypotheses, settings.tolerances, ready.heldout_gap.folds, plan, progress)
     heldout_gap = ready.heldout_gap.at_stable_horizon(
-        result.selected, settings.noise_draws, np.random.default_rng(settings.seed)
+        result.selected, settings.noise_draws_of(sum(judged.rows)), np.random.default_rng(settings.seed)
     )
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
     progress(f"step 3 of 3, rivals and whole logs: gap {gap:.3f}, noise floor {floor:.3f}")
@@ -279,7 +281,8 @@ def answer_by_evidence(
     search = Search(bench, gap.folds, progress)
     progress(f"step 2 of 3, search: {len(hypotheses)} hypotheses (an effect at a location)")
     judgement = conclude(search, search.explore(), gap)
-    gap = gap.at_stable_horizon(judgement.selected, settings.noise_draws, np.random.default_rng(settings.seed))
+    draws = settings.noise_draws_of(sum(judged.rows))
+    gap = gap.at_stable_horizon(judgement.selected, draws, np.random.default_rng(settings.seed))
     told = gather([states.log for states in judged.whole], judged.robot)
     return FoundAnswer(judgement, gap, told, None, None)
 

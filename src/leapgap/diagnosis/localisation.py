@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 
+T = TypeVar("T")
+MOST_PIECES = 1000
+"""Largest number of pieces that are replayed of all logs, spread evenly."""
 OUTSIDE = "outside"
 """Name of the rows that are in none of the log's segments."""
 RESAMPLES = 200
@@ -78,6 +82,12 @@ class Piece:
         return np.bincount(self.phases[len(self.phases) // 2 :], minlength=self.phase_number)
 
 
+def evenly(values: Sequence[T], most: int) -> list[T]:
+    """At most so many values, evenly spread."""
+    at = np.linspace(0, len(values) - 1, min(most, len(values))).round().astype(int)
+    return [values[i] for i in at]
+
+
 def localise(
     judged: JudgedLogs, replayer: Replayer, horizon_s: float, draws: int, rng: np.random.Generator
 ) -> list[Place]:
@@ -89,8 +99,9 @@ def localise(
     """
     names, channels = phase_names(judged.logs), judged.mapped
     pieces, starts, of_log = [], [], []
+    most = max(1, MOST_PIECES // len(judged.logs))
     for log, sigma in enumerate(judged.noise_in(channels)):
-        for piece, phases, first in pieces_of(judged.logs[log], names, horizon_s):
+        for piece, phases, first in evenly(pieces_of(judged.logs[log], names, horizon_s), most):
             measured = judged.motions[log][first : first + len(piece)]
             pieces.append(Piece(piece, measured, phases, len(names), sigma))
             starts.append(judged.start_noise(log, first))

@@ -13,6 +13,8 @@ from leapgap.effects.model_field import ModelField
 from leapgap.errors import InputError
 
 LONGEST_HORIZON_S = 1000.0
+ENOUGH_ROWS = 20_000
+"""Number of samples up to which every draw of noise is made."""
 ENGINES = ("search", "evidence")
 TOLERANCES = {
     "armature.inertia": 0.05,
@@ -79,6 +81,10 @@ class Settings:
     noise_draws: int = 3
     bootstrap_draws: int = 500
     seed: int = 1
+
+    def noise_draws_of(self, rows: int) -> int:
+        """Draws of sensor noise for so many samples: those of long logs are many in one draw."""
+        return max(1, min(self.noise_draws, self.noise_draws * ENOUGH_ROWS // rows))
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing, before any work."""

@@ -24,7 +24,7 @@ from leapgap.diagnosis.hypotheses import Hypothesis
 
 UNNAMED = 20.0
 """Evidence of a force without a name for each block, nats, up to which a set explains the logs: u₀."""
-SINGLES = 8
+SINGLES = 4
 """Number of single effects that a report lists beside the answer."""
 LEAST_CLOSURE = 0.01
 """Share of the gap that each member of a set has to close."""
