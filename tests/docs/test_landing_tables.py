@@ -80,7 +80,7 @@ def test_kinds_of_pushes() -> None:
     [
         ("joint PD", "joint_pd"),
         ("nominal MPC 25/100", "nominal_variable"),
-        ("learned MPC 25/100", "learned_variable"),
+        ("learned MPC of the paper's release", "learned_variable_paper_release"),
     ],
 )
 def test_landings_of_plans_for_the_corrected_robot(name: str, method: str) -> None:
