@@ -105,9 +105,10 @@ def main() -> None:
     options.add_argument("--json", type=Path, required=True)
     options.add_argument("--cases", type=int, default=12)
     options.add_argument("--seed", type=int, default=4601)
+    options.add_argument("--tiny", action="store_true", help="one case of each")
     chosen = options.parse_args()
     corrections, pairs = [], []
-    for case in range(chosen.cases):
+    for case in range(1 if chosen.tiny else chosen.cases):
         with tempfile.TemporaryDirectory() as folder:
             corrections.append(judged(np.random.default_rng([chosen.seed, 0, case]), Path(folder)))
         with tempfile.TemporaryDirectory() as folder:

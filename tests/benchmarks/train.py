@@ -112,9 +112,8 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1, help="of torch for the recipe; models are fitted with one")
     parser.add_argument("--tiny", action="store_true", help="smallest counts, to see that it runs")
     given = parser.parse_args()
-    windows = windows_module.read(given.windows or WINDOWS[0])
-    if not len(windows) and given.windows is None:
-        windows = windows_module.read(WINDOWS[1])
+    made = [folder for folder in WINDOWS if (folder / "windows.json").is_file() and len(windows_module.read(folder))]
+    windows = windows_module.read(given.windows or (made or WINDOWS)[0])
     config = read_train_config(OmegaConf.create(compose_conf()).train)
     steps = STEPS
     if given.tiny:
