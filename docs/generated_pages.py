@@ -42,8 +42,8 @@ EFFECTS = """# Effects
 
 `leapgap effects robot.xml` prints the same with the nominal value and the range that is searched on *your* robot. *Own*
 is the value that the model file states. *Default*: looked for in every diagnosis. *Named*: looked for with `--effects`;
-[restrict or extend the search](../how-to/choose_effects.md) says how. [Effect signatures](../research/signatures.md) shows how each
-looks in a motion. How exactly each is simulated stands in the [research record](../research/effects.md).
+[restrict or extend the search](../how-to/choose_effects.md) says how. [Effect signatures](../research/signatures.md)
+shows how each looks in a motion. How exactly each is simulated stands in the [research record](../research/effects.md).
 
 <div class="second-wide" markdown>
 

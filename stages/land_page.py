@@ -29,7 +29,7 @@ class LandPageSettings:
 
 
 def land_page(config: DictConfig) -> None:
-    """Write the page."""
+    """Write the page of a folder of landings, with those methods in detail that the settings name as single."""
     settings = read_config(LandPageSettings, config.land_page, "land_page")
     out = output_folder(settings.out, STAGE, (settings.landings,))
     with whole_folder(out, STAGE) as folder:

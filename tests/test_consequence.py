@@ -68,6 +68,11 @@ def write_policy(path: Path) -> Path:
     return path
 
 
+def command(folder: Path, policy: Path, map: Path) -> list[str]:
+    """Arguments of the command for a report, a policy and its map."""
+    return ["consequence", str(folder), "--policy", str(policy), "--map", str(map)]
+
+
 @pytest.mark.parametrize("file", ["policy.pt", "policy.onnx"])
 def test_a_policy_departs_as_it_does_in_plain_mujoco(
     file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -78,14 +83,7 @@ def test_a_policy_departs_as_it_does_in_plain_mujoco(
     terms = [{"of": "joint_pos"}, {"of": "joint_vel", "scale": 0.1}, {"of": "last_action"}]
     stated = {"observation": terms, "kp": KP, "kd": KD, "period_s": PERIOD_S, "seconds": SECONDS, "scale": 0.5}
     (tmp_path / "map.json").write_text(json.dumps(stated))
-    arguments = [
-        "consequence",
-        str(folder),
-        "--policy",
-        str(policy),
-        "--map",
-        str(tmp_path / "map.json"),
-    ]
+    arguments = command(folder, policy, tmp_path / "map.json")
     assert main([*arguments, "--json", str(tmp_path / "out.json"), "--quiet"]) == 0
     assert "joint_damping at elbow" in capsys.readouterr().out
     none, damped = json.loads((tmp_path / "out.json").read_text())["courses"]
@@ -110,14 +108,7 @@ def test_a_robot_without_torque_falls(tmp_path: Path) -> None:
     start = [0, 0, 0.27, 1, 0, 0, 0, *[0, 0.8, -1.6] * 4]
     stated = {"observation": terms, "kp": 10.0, "kd": 0.5, "period_s": 0.01, "seconds": 1.5, "start": start}
     (tmp_path / "map.json").write_text(json.dumps(stated))
-    arguments = [
-        "consequence",
-        str(folder),
-        "--policy",
-        str(tmp_path / "policy.pt"),
-        "--map",
-        str(tmp_path / "map.json"),
-    ]
+    arguments = command(folder, tmp_path / "policy.pt", tmp_path / "map.json")
     assert main([*arguments, "--json", str(tmp_path / "out.json"), "--quiet"]) == 0
     courses = {one["name"]: one for one in json.loads((tmp_path / "out.json").read_text())["courses"]}
     assert list(courses) == ["none of them", "torque_gain", "payload", "all of them"]
@@ -147,13 +138,6 @@ def test_a_map_that_does_not_fit_is_refused(
     (tmp_path / "map.json").write_text(
         json.dumps({"observation": [{"of": "joint_pos"}], "kp": 1.0, "kd": 0.0, **change})
     )
-    arguments = [
-        "consequence",
-        str(folder),
-        "--policy",
-        str(tmp_path / "policy.pt"),
-        "--map",
-        str(tmp_path / "map.json"),
-    ]
+    arguments = command(folder, tmp_path / "policy.pt", tmp_path / "map.json")
     assert main([*arguments, "--quiet"]) == 2
     assert message in capsys.readouterr().err

@@ -25,7 +25,7 @@ from leapgap.reports.diagnosis import ChosenLogs, Report, diagnose_chosen, diagn
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import read_json, sha256
 from leapgap.settings import replaced
-from leapgap.simulation.corrected import EFFECTS, read_corrected
+from leapgap.simulation.corrected import corrected_in, read_corrected
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 
@@ -193,7 +193,7 @@ def judge(
     """
     path, notes, read = Path(correction), [], read_logs(logs)
     if path.is_dir():
-        folder = path if (path / EFFECTS).is_file() else path / "corrected"
+        folder = corrected_in(path)
         robot, own = read_corrected(folder)
         robot = robot if nominal is None else load_robot(nominal)
         changes = [change_of_effect(effect, robot) for effect in own]

@@ -8,8 +8,8 @@ import argparse
 import os
 import re
 import sys
-from collections.abc import Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
@@ -255,7 +255,7 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
         viewer_folder()  # what is missing is said before the work begins
     settings = settings_of(chosen)
     effects, without = names_in(chosen.effects), names_in(chosen.without)
-    with nullcontext(lambda _: None) if chosen.quiet else still_running(tell) as progress:
+    with told_on_the_way(chosen) as progress:
         robot = load_robot(chosen)
         progress(f"{robot.path.name}: {robot.step_and_integrator}")
         report = api.diagnose(chosen.logs, robot, settings, effects, progress, chosen.threads, without=without)
@@ -273,11 +273,10 @@ def run_consequence(chosen: argparse.Namespace) -> None:
     """Print what each cause of a report does to a policy."""
     from leapgap.learning.consequence import PolicyMap, consequence, read_policy
     from leapgap.settings import from_json
-    from leapgap.simulation.corrected import EFFECTS, read_corrected
+    from leapgap.simulation.corrected import corrected_in, read_corrected
 
     map = from_json(PolicyMap, chosen.map)
-    folder = chosen.report if (chosen.report / EFFECTS).is_file() else chosen.report / "corrected"
-    robot, causes = read_corrected(folder)
+    robot, causes = read_corrected(corrected_in(chosen.report))
     network = read_policy(chosen.policy)
     tell_result(chosen, lambda progress: consequence(robot, causes, network, map, progress))
 
@@ -320,7 +319,7 @@ def run_actuator_net(chosen: argparse.Namespace) -> None:
     check_output(chosen.out, NET, (chosen.logs, chosen.robot))
     causes = None if chosen.report is None else read_corrected(chosen.report / "corrected")[1]
     robot = robot_of(chosen)
-    with nullcontext(lambda _: None) if chosen.quiet else still_running(tell) as progress:
+    with told_on_the_way(chosen) as progress:
         logs = api.read_logs(chosen.logs, robot=robot)
         found = train_networks(logs, robot, causes, chosen.history, chosen.step, progress=progress)
     with whole_folder(chosen.out, NET) as beside:
@@ -335,12 +334,17 @@ def tell_result(chosen: argparse.Namespace, work: Any) -> None:
 
     if chosen.json is not None and not chosen.json.parent.is_dir():
         raise InputError(chosen.json, "no such folder", "a file in a folder that exists", "make the folder")
-    with nullcontext(lambda _: None) if chosen.quiet else still_running(tell) as progress:
+    with told_on_the_way(chosen) as progress:
         found = work(progress)
     tell(found)
     if chosen.json is not None:
         write_json(chosen.json, found.to_json())
         tell(f"as data: {chosen.json}")
+
+
+def told_on_the_way(chosen: argparse.Namespace) -> AbstractContextManager[Callable[[str], None]]:
+    """What prints the progress of a command for the time of a block; nothing with ``--quiet``."""
+    return nullcontext(lambda _: None) if chosen.quiet else still_running(tell)
 
 
 def settings_of(chosen: argparse.Namespace) -> Any:

@@ -30,7 +30,7 @@ CLOSELY = 3
 ROUNDS = 3
 """Most rounds in which the numbers of differences settle."""
 SETTLED = 0.2
-"""As in the search: no number moves by more than this share of its standard deviation."""
+"""Numbers have settled when none moves by more than this share of its standard deviation."""
 MODEL_ERROR = 0.08
 """Relative error of a difference because the simulation differs from the robot, in its interval."""
 SURE = 0.99

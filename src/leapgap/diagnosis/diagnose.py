@@ -273,10 +273,7 @@ def answer_by_evidence(
 ) -> FoundAnswer:
     """The answer of the engine: one evidence of all sets of effects, and of a force without a name beside them."""
     judged, gap = ready.judged, ready.heldout_gap
-    if not settings.effects and not judged.robot.has_free_base:  # all that a held robot can have
-        known = (kind for kind in effects.known().values() if kind.name not in settings.without)
-        kinds = list(dict.fromkeys([*kinds, *(kind for kind in known if not overrides(kind, "change_step"))]))
-    hypotheses = list_hypotheses(kinds, judged.robot, clock_of(ready.checks))
+    hypotheses = list_hypotheses(kinds_by_evidence(kinds, judged.robot, settings), judged.robot, clock_of(ready.checks))
     bench = Bench(hypotheses, settings.tolerances, judged.states, ready.replayer)
     search = Search(bench, gap.folds, progress)
     progress(f"step 2 of 3, search: {len(hypotheses)} hypotheses (an effect at a location)")
@@ -285,6 +282,14 @@ def answer_by_evidence(
     gap = gap.at_stable_horizon(judgement.selected, draws, np.random.default_rng(settings.seed))
     told = gather([states.log for states in judged.whole], judged.robot)
     return FoundAnswer(judgement, gap, told, None, None)
+
+
+def kinds_by_evidence(kinds: Sequence[type[Effect]], robot: Robot, settings: Settings) -> list[type[Effect]]:
+    """The chosen effects, and on a held robot all that it can have, where the settings name none."""
+    if settings.effects or robot.has_free_base:
+        return list(kinds)
+    known = (kind for kind in effects.known().values() if kind.name not in settings.without)
+    return list(dict.fromkeys([*kinds, *(kind for kind in known if not overrides(kind, "change_step"))]))
 
 
 def whitened(pieces: ShortRollouts) -> ShortRollouts:

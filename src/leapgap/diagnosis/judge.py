@@ -61,7 +61,7 @@ class Change(Hypothesis):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The share."""
+        """What is fitted: the share of the change that acts, 1 where all of it does."""
         return (Parameter("share", "1", 0.0, 0.0, MOST, 1.0),)
 
     def values(self, log: str, numbers: np.ndarray) -> dict[str, float]:

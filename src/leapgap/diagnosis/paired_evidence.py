@@ -39,8 +39,8 @@ class Paired:
         point, basis = self.point, self.point.basis
         parts = zip(point.whitened, basis.whitened, strict=True)
         columns = [np.concatenate([own[..., :1], of, own[..., 1 + point.nuisances :]], axis=3) for own, of in parts]
-        products = basis.blocks.products(basis.whitened, basis.whitened)
-        evidence = replace(Evidence.of(basis.blocks, columns, products), levels=point.evidence.levels)
+        evidence = Evidence.of(basis.blocks, columns, basis.all_products)
+        evidence = replace(evidence, levels=point.evidence.levels)
         return replace(self, point=replace(point, evidence=evidence))
 
     def extended(self, total: tuple[np.ndarray, float], later: np.ndarray) -> np.ndarray:
@@ -92,12 +92,12 @@ class Paired:
 
     def with_levels(self, sums: tuple[np.ndarray, ...], rounds: int = 3) -> "Paired":
         """The same at the level of the force without a name that suits each block best."""
-        evidence: Evidence = replace(self.point.evidence)
-        found = replace(self, point=replace(self.point, evidence=evidence))
+        found = self
         for _ in range(rounds):
-            before, evidence.levels = evidence.levels, np.argmax(found.by_level(sums), axis=0)
-            if (before == evidence.levels).all():
+            evidence, levels = found.point.evidence, np.argmax(found.by_level(sums), axis=0)
+            if (levels == evidence.levels).all():
                 break
+            found = replace(found, point=replace(found.point, evidence=replace(evidence, levels=levels)))
         return found
 
     def by_level(self, sums: tuple[np.ndarray, ...]) -> np.ndarray:

@@ -5,16 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap import effects
-from leapgap.diagnosis.diagnose import chosen_kinds, tolerances_on
+from leapgap.diagnosis.diagnose import chosen_kinds, kinds_by_evidence, tolerances_on
 from leapgap.diagnosis.engine.points import Bench
 from leapgap.diagnosis.gap import folds_of, scaled_errors
 from leapgap.diagnosis.horizons import gap_of, horizons_of, unmoved_errors
-from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
+from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.restarts import replayer_at
 from leapgap.diagnosis.settings import Settings
-from leapgap.effects.base import Effect, overrides
+from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -51,7 +50,8 @@ class RefereedLogs:
         judged = JudgedLogs.of(logs, robot, settings.sizes)
         slots = max((len(log.info.terrain) for log in logs), default=0)
         replayer = Replayer(robot, max(1, slots), threads, sensors=judged.sensors.columns)
-        bench = Bench(looked_for(robot, settings), tolerances_on(robot, settings), judged.states, replayer)
+        hypotheses = list_hypotheses(kinds_by_evidence(chosen_kinds(settings), robot, settings), robot, None)
+        bench = Bench(hypotheses, tolerances_on(robot, settings), judged.states, replayer)
         return RefereedLogs(judged, bench, folds_of(len(logs), settings.folds))
 
     def errors_left(self, correction: tuple[Effect, ...]) -> tuple[dict[str, float], tuple[AtHorizon, ...]]:
@@ -69,12 +69,3 @@ class RefereedLogs:
         shares = left / max(left.sum(), 1e-300)
         order = np.argsort(-shares, kind="stable")
         return {judged.channels[k].name: float(shares[k]) for k in order}, tuple(rows)
-
-
-def looked_for(robot: Robot, settings: Settings) -> list[Hypothesis]:
-    """The effects that the engine looks for on a robot."""
-    kinds = chosen_kinds(settings)
-    if not settings.effects and not robot.has_free_base:
-        known = (kind for kind in effects.known().values() if kind.name not in settings.without)
-        kinds = list(dict.fromkeys([*kinds, *(kind for kind in known if not overrides(kind, "change_step"))]))
-    return list_hypotheses(kinds, robot, None)

@@ -54,7 +54,7 @@ class StatedChange:
     """One change that somebody's model makes to the nominal one."""
 
     title: str
-    """``damping of elbow``"""
+    """Number and part in words, such as ``damping of elbow``."""
     says: str
     """``0.05 → 0.45``"""
     effect: Effect

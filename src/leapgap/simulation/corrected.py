@@ -100,6 +100,11 @@ def stated_names(value: Any, where: Path) -> Mapping[str, Any]:
     return parts
 
 
+def corrected_in(folder: Path) -> Path:
+    """The folder ``corrected`` of a report; the folder itself where it is one."""
+    return folder if (folder / EFFECTS).is_file() else folder / "corrected"
+
+
 def read_corrected(folder: Path | str, own: Sequence[type[Effect]] = ()) -> tuple[Robot, tuple[Effect, ...]]:
     """Nominal model and effects of a folder ``corrected``; ``own`` are the user's classes among the effects."""
     folder = Path(folder)

@@ -73,7 +73,7 @@ class Blocks:
         )
 
 
-@dataclass
+@dataclass(frozen=True)
 class Evidence:
     """Inner products of errors (column 0) and columns, for each level and block."""
 

@@ -72,13 +72,18 @@ class Basis:
 
     @cached_property
     def of_nuisances(self) -> Whitened:
-        """Their columns."""
+        """Columns of the nuisances at each level, (chunks, longest, channels, nuisances)."""
         return [own[..., self.nuisances] for own in self.whitened]
 
     @cached_property
     def products(self) -> np.ndarray:
         """Their inner products in each block, (levels, blocks, nuisances, nuisances)."""
         return self.blocks.products(self.of_nuisances, self.of_nuisances)
+
+    @cached_property
+    def all_products(self) -> np.ndarray:
+        """Inner products of all columns in each block, (levels, blocks, columns, columns)."""
+        return self.blocks.products(self.whitened, self.whitened)
 
     def of_hypothesis(self, h: Hypothesis) -> Whitened:
         """Columns of the numbers of a hypothesis."""

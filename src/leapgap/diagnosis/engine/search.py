@@ -6,6 +6,7 @@ everything is linearised about them again where much stays without a name, until
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -58,12 +59,16 @@ class Found:
         """Log probability of the folds less what the numbers of the set have to gain, nats."""
         return self.predictive - LEAST_GAIN * len(self.numbers)
 
+    @cached_property
+    def by_level(self) -> np.ndarray:
+        """Log likelihood of each block at each level of the force without a name, (levels, blocks), nats."""
+        evidence = self.point.evidence
+        return evidence.by_level(evidence.posterior(*self.point.priors()).mean)
+
     @property
     def unnamed(self) -> float:
         """Evidence of a force without a name beside the set, nats: u."""
-        evidence = self.point.evidence
-        by_level = evidence.by_level(evidence.posterior(*self.point.priors()).mean)
-        return float((by_level.max(axis=0) - by_level[0]).sum())
+        return float((self.by_level.max(axis=0) - self.by_level[0]).sum())
 
     @property
     def missing(self) -> float:
@@ -73,8 +78,7 @@ class Found:
         """
         evidence = self.point.evidence
         rows = sum((end - first) for _, first, end in evidence.blocks.places) * self.point.whitened[0].shape[2]
-        by_level = evidence.by_level(evidence.posterior(*self.point.priors()).mean)
-        return float(-0.5 * (rows + evidence.blocks.constant[0].sum()) - by_level.max(axis=0).sum())
+        return float(-0.5 * (rows + evidence.blocks.constant[0].sum()) - self.by_level.max(axis=0).sum())
 
     def evidence_without(self, members: Sequence[int]) -> float:
         """Evidence of the set with some members at nominal, by its linearisation, nats."""
