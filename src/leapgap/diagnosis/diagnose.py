@@ -273,7 +273,7 @@ def answer_by_evidence(
 ) -> FoundAnswer:
     """The answer of the engine: one evidence of all sets of effects, and of a force without a name beside them."""
     judged, gap = ready.judged, ready.heldout_gap
-    hypotheses = list_hypotheses(kinds_by_evidence(kinds, judged.robot, settings), judged.robot, clock_of(ready.checks))
+    hypotheses = list_hypotheses(kinds_by_evidence(kinds, settings), judged.robot, clock_of(ready.checks))
     bench = Bench(hypotheses, settings.tolerances, judged.states, ready.replayer)
     search = Search(bench, gap.folds, progress)
     progress(f"step 2 of 3, search: {len(hypotheses)} hypotheses (an effect at a location)")
@@ -284,9 +284,9 @@ def answer_by_evidence(
     return FoundAnswer(judgement, gap, told, None, None)
 
 
-def kinds_by_evidence(kinds: Sequence[type[Effect]], robot: Robot, settings: Settings) -> list[type[Effect]]:
-    """The chosen effects, and on a held robot all that it can have, where the settings name none."""
-    if settings.effects or robot.has_free_base:
+def kinds_by_evidence(kinds: Sequence[type[Effect]], settings: Settings) -> list[type[Effect]]:
+    """The chosen effects, and all that a robot can have, where the settings name none."""
+    if settings.effects:
         return list(kinds)
     known = (kind for kind in effects.known().values() if kind.name not in settings.without)
     return list(dict.fromkeys([*kinds, *(kind for kind in known if not overrides(kind, "change_step"))]))

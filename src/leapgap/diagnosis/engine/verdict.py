@@ -7,8 +7,8 @@ d       evidence that is lost when the likeliest other effect takes a member's p
 c       share of the gap of whole logs that the set closes: how much
 ======  ==========================================================================================
 
-none: no set, u small · unknown: no set, u large, or a set that closes nothing of a gap · partly: a set, u large ·
-ambiguous: d small · named: else. A number at the end of its range is never named.
+none: no set, u small · unknown: no set, u large · partly: a set, u large · ambiguous: d small · named: else. A set that
+closes nothing of a gap is none. A number at the end of its range is never named.
 """
 
 from collections.abc import Sequence
@@ -99,9 +99,9 @@ def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> Evidence
     nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
     explained = u <= UNNAMED * blocks
     others = single_effects(search, start, found)
+    without = Conclusion("none" if before <= UNNAMED * blocks else "unknown", ())
     if not found.members:
-        numbers = Numbers(0.0, u, before, None, None, blocks)
-        return EvidenceJudgement(Conclusion("none" if explained else "unknown", ()), nominal, others, numbers)
+        return EvidenceJudgement(without, nominal, others, Numbers(0.0, u, before, None, None, blocks))
     losses = [found.evidence - found.evidence_without([m]) for m in range(len(found.members))]
     order = [int(m) for m in np.argsort(losses)[::-1]]
     rivals = [rivals_of(search, found, m) for m in order]
@@ -115,7 +115,7 @@ def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> Evidence
     g = found.predictive - start.predictive
     numbers = Numbers(g, u, before, float(d), closes.value, blocks)
     if gap.has_gap and closes.high <= 0:
-        return EvidenceJudgement(Conclusion("unknown", ()), nominal, others, numbers)
+        return EvidenceJudgement(without, nominal, others, numbers)
     at_end = steps[-1].at_bound
     if not explained or at_end:
         verdict = "partly"
