@@ -241,12 +241,13 @@ def compare_logs(
     logs = [replace(log, name=name) for name, log in sets]
     of = RefereedLogs.of("compare", logs, robot, settings or Settings(), threads)
     progress(f"{len(before)} logs before, {len(after)} after")
-    point = of.bench.nominal()
-    later = point.evidence.blocks.log >= len(before)
+    nominal = of.bench.nominal()
+    later = nominal.evidence.blocks.log >= len(before)
     # Each fold leaves out logs of both sets.
     fold = np.concatenate([np.arange(len(before)), np.arange(len(after))]) % min(len(before), len(after), 4)
-    shared = Search(of.bench, of.folds, lambda line: progress(f"in all logs: {line}")).ascend(point)[-1].point
-    told = Told.of(Paired(of.bench, shared, later, fold[point.evidence.blocks.log]).with_all())
+    shared = Search(of.bench, of.folds, lambda line: progress(f"in all logs: {line}"))
+    point = shared.ascend(shared.judge(nominal)).point
+    told = Told.of(Paired(of.bench, point, later, fold[point.evidence.blocks.log]).with_all())
     names = frozenset(log.name for log in logs[len(before) :])
     differences = [Difference.of(h, names) for h in of.bench.hypotheses]
     varying: list[str] = []

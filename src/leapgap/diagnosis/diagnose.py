@@ -277,7 +277,7 @@ def answer_by_evidence(
     bench = Bench(hypotheses, settings.tolerances, judged.states, ready.replayer)
     search = Search(bench, gap.folds, progress)
     progress(f"step 2 of 3, search: {len(hypotheses)} hypotheses (an effect at a location)")
-    judgement = conclude(search, search.explore(), gap)
+    judgement = conclude(search, *search.explore(), gap)
     draws = settings.noise_draws_of(sum(judged.rows))
     gap = gap.at_stable_horizon(judgement.selected, draws, np.random.default_rng(settings.seed))
     told = gather([states.log for states in judged.whole], judged.robot)

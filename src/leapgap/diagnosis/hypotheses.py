@@ -108,8 +108,8 @@ class Hypothesis:
     def near(self, numbers: np.ndarray, before: np.ndarray | None) -> np.ndarray:
         """Numbers clipped to their ranges, and factors to one step from what they were ``before``."""
         if before is not None:
-            factor = np.array([STEP if p.logarithmic else np.inf for p in self.parameters])
-            numbers = np.where(np.isinf(factor), numbers, np.clip(numbers, before / factor, before * factor))
+            factor = np.array([p.logarithmic for p in self.parameters])
+            numbers = np.where(factor, np.clip(numbers, before / STEP, before * STEP), numbers)
         return self.clip(numbers)
 
     def allows(self, numbers: np.ndarray) -> bool:

@@ -110,9 +110,11 @@ def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[s
         sure = SURE * tick / np.sqrt(12) / sizes[k] < abs(scale - 1)
         scale = scale if lag.fits and sure and not 1 / OTHER_UNIT < scale < OTHER_UNIT else 1.0
         in_place = np.interp(even + lag.late_s, even, velocity[:, k]) * scale
-        off, fitted = in_place - velocity[:, k], fit.velocity[:, k]
-        alike = in_place * (in_place @ fitted) / (in_place @ in_place)  # whatever the clock
-        rest = float(np.sqrt(np.mean((alike - fitted) ** 2)))
+        off = in_place - velocity[:, k]
+        edge = round((window_s + lag.late_s) / period) + 1
+        own, fitted = in_place[edge:-edge], fit.velocity[edge:-edge, k]
+        alike = own * (own @ fitted) / max(own @ own, np.finfo(float).tiny)  # whatever the clock
+        rest = float(np.sqrt(np.mean((alike - fitted) ** 2))) if len(own) else 0.0
         rest = rest if rest > SURE * np.hypot(np.hypot(noise[k], derived[k]), tick / np.sqrt(12)) else 0.0
         found[named[k]] = VelocityColumn(
             lag.late_s,

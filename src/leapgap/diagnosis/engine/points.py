@@ -22,7 +22,7 @@ from leapgap.simulation.replay import Replayer
 
 INTERVAL_S = 0.01
 """Length of an interval; one row, where that is longer."""
-FAR = 1000
+FAR = 300
 """About how many intervals are replayed with effects far from nominal."""
 LEAST_IN_BLOCK = 5
 """Number of intervals of a block at least."""
@@ -69,7 +69,7 @@ class Basis:
     """One for each level of the force without a name."""
     columns: Columns
     whitened: Whitened
-    """All columns, and behind them those of late logs and of finer steps."""
+    """All columns, and behind them those of late logs and of finer steps, in single precision: they are many."""
     nuisances: np.ndarray
     """Indices of those that are off a little in every robot and simulation, (nuisances,)."""
     deviation: np.ndarray
@@ -79,7 +79,7 @@ class Basis:
     @cached_property
     def of_nuisances(self) -> Whitened:
         """Columns of the nuisances at each level, (chunks, longest, channels, nuisances)."""
-        return [own[..., self.nuisances] for own in self.whitened]
+        return [own[..., self.nuisances].astype(float) for own in self.whitened]
 
     @cached_property
     def products(self) -> np.ndarray:
@@ -94,7 +94,7 @@ class Basis:
     def of_hypothesis(self, h: Hypothesis) -> Whitened:
         """Columns of the numbers of a hypothesis."""
         at = [self.columns.at(h, k) for k in range(len(h.parameters))]
-        return [np.stack([own[..., own_at].sum(axis=3) for own_at in at], axis=3) for own in self.whitened]
+        return [np.stack([own[..., own_at].sum(axis=3, dtype=float) for own_at in at], axis=3) for own in self.whitened]
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ class Bench:
             linearisation,
             filters,
             columns,
-            [-own.whiten(stacked) for own in filters],
+            [-own.whiten(stacked).astype(np.float32) for own in filters],
             *self.nuisances(columns),
             Blocks.of([own.log_determinant for own in filters], self.chunks.valid, self.chunks.log, per_block),
         )
@@ -254,17 +254,17 @@ class Bench:
         offsets = here.remembered(basis.linearisation.transitions)
         return follow(here, self.chunks, offsets, basis.linearisation)
 
-    def far(self, near: Point) -> Iterator[tuple[list[tuple[Hypothesis, np.ndarray]], Whitened]]:
+    def far(self, near: Point, logs: np.ndarray) -> Iterator[tuple[list[tuple[Hypothesis, np.ndarray]], Whitened]]:
         """What further effects in the drives do far from nominal beside those of a point: numbers, and a column each.
 
         Such an effect does not grow with its number (a lag, a limit), but what it does to the torques is known at any.
-        One after another they are replayed at all joints at once, on some of the logs, and shared out by the responses
-        to torques.
+        One after another they are replayed at all joints at once, on some ``logs`` (bool), and shared out by the
+        responses to torques. Columns are of the chunks of these logs alone.
         """
         present, forces = {h.name for h, _ in near.acting}, near.basis.linearisation.forces
-        counts = [own.intervals for own in near.intervals.courses]
-        some = np.arange(len(counts)) % max(1, round(sum(counts) / FAR)) == 0
-        of_logs = list(zip(self.on_logs(near.acting), self.states, some.tolist(), strict=True))
+        chosen = logs[self.chunks.log]
+        filters = [own.of_chunks(chosen) for own in near.basis.filters]
+        of_logs = list(zip(self.on_logs(near.acting), self.states, logs.tolist(), strict=True))
         for name, of_kind in self.kinds.items():
             everywhere = replace(of_kind, location="all")
             if name in present or not in_drive(of_kind.kind) or len(everywhere.parameters) > 1:
@@ -287,8 +287,14 @@ class Bench:
             if not found:
                 continue
             by_log = [np.stack([own[log] for own in columns], axis=2) for log in range(len(self.states))]
-            stacked = self.chunks.stack(by_log)
-            yield found, [-own.whiten(stacked) for own in near.basis.filters]
+            stacked = self.chunks.stack(by_log)[chosen]
+            yield found, [-own.whiten(stacked) for own in filters]
+
+    @property
+    def some_logs(self) -> np.ndarray:
+        """Logs on which effects are tried far from nominal, spread evenly, bool (logs,)."""
+        counts = [own.intervals for own in self.intervals.courses]
+        return np.arange(len(counts)) % max(1, round(sum(counts) / FAR)) == 0
 
     def on_logs(self, acting: Acting) -> list[Effects]:
         """The effects of a set on each log."""

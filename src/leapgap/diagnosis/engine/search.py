@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
-from leapgap.diagnosis.engine.evidence import Posterior, Whitened, posterior_of, predictive
+from leapgap.diagnosis.engine.evidence import Blocks, Posterior, Whitened, posterior_of, predictive
 from leapgap.diagnosis.engine.points import Acting, Bench, Point, prior_of
 from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
 from leapgap.diagnosis.hypotheses import Hypothesis
@@ -110,27 +110,22 @@ class Search:
     """Fold of each log."""
     progress: Callable[[str], None]
 
-    def explore(self) -> list[Found]:
-        """The sets found on the way from the nominal robot to the answer.
+    def explore(self) -> tuple[Found, Found]:
+        """The nominal robot, and the answer.
 
         Where a robot with feet leaves much unexplained, the search is made once more from references that allow for
         wrong zeros of its joints, and the likelier of both answers stays.
         """
-        path = self.ascend(self.bench.nominal())
-        if not self.bench.robot.feet or path[-1].unnamed < MUCH:
-            return path
-        free = self.ascend(self.bench.nominal(WRONG_ZERO_RAD), replay=True)
-        better = free[-1].members and free[-1].evidence > path[-1].evidence
-        return [path[0], *free[1:]] if better else path
+        start = self.judge(self.bench.nominal())
+        answer = self.ascend(start)
+        if self.bench.robot.feet and answer.unnamed > max(MUCH, LEAST_SHARE * start.unnamed):
+            free = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD)), replay=True)
+            answer = free if free.members and free.evidence > answer.evidence else answer
+        return start, answer
 
-    def ascend(self, start: Point, replay: bool = False) -> list[Found]:
-        """The sets found on the way from a point without effects, the last the answer.
-
-        With ``replay`` the first effect may be one whose columns tell little.
-        """
-        path = [self.judge(start)]
-        while len(path) <= MOST_CAUSES:
-            now = path[-1]
+    def ascend(self, now: Found, replay: bool = False) -> Found:
+        """The answer from a set without effects on; with ``replay`` the first may be one whose columns tell little."""
+        while len(now.members) < MOST_CAUSES:
             worth = [h for gain, h in screen(now.point) if gain > WORTH_A_LOOK]
             linear = [self.judge(now.point, [h]) for h in few_of_each(worth, ALIKE)[:SHORTLIST]]
             linear.sort(key=lambda one: -one.worth)
@@ -147,11 +142,11 @@ class Search:
             others = [(newest.label, one.members[-1], best.worth - one.worth) for one in tried if one is not best]
             rivals = (*now.rivals, *(own for own in others if own[1].name != newest.name))
             if best.unnamed > MUCH:
-                best = self.exchanged(self.linearised(best))
+                best = self.exchanged(max([best, self.linearised(best)], key=lambda one: one.evidence))
             if best.unnamed > MUCH and best.predictive - now.predictive < LEAST_SHARE * now.missing:
                 break
-            path.append(replace(self.without_idle(best), rivals=rivals))
-        return path
+            now = replace(self.without_idle(best), rivals=rivals)
+        return now
 
     def promising(self, now: Found, linear: Sequence[Found]) -> list[Found]:
         """Those sets, settled, that may gain most by what their columns say, the best first.
@@ -177,10 +172,10 @@ class Search:
 
     def far(self, now: Found) -> list[tuple[Hypothesis, np.ndarray]]:
         """Effects in the drives with numbers far from nominal that by their columns gain most, one number a place."""
-        deviation, centre = now.point.priors()
-        left = Projection.of(now.point, deviation, centre)
+        logs = self.bench.some_logs
+        left = Projection.of(now.point, *now.point.priors(), logs, self.bench.chunks.log)
         gains: list[tuple[float, Hypothesis, np.ndarray]] = []
-        for found, columns in self.bench.far(now.point):
+        for found, columns in self.bench.far(now.point, logs):
             by_errors, by_each = left.of_columns(columns)
             inner = by_each.diagonal() + AT_LEAST
             of_each = 0.5 * (by_errors + AT_LEAST) ** 2 / inner - 0.5 * AT_LEAST
@@ -289,17 +284,29 @@ class Search:
 class Projection:
     """What further columns have to do with the errors of a point beyond its nuisances and its own numbers."""
 
-    point: Point
+    blocks: Blocks
+    levels: np.ndarray
+    """Of each block."""
     errors: np.ndarray
     """(rows,), each block at its level."""
     known: np.ndarray
     """Columns of nuisances and numbers, times their prior deviations, (rows, known)."""
 
     @staticmethod
-    def of(point: Point, deviation: np.ndarray, centre: np.ndarray) -> "Projection":
-        """By priors of what is known, as in ``Point.priors``."""
-        stacked = point.basis.blocks.at_levels(point.whitened, point.evidence.levels)
-        return Projection(point, stacked[:, 0] - stacked[:, 1:] @ centre, stacked[:, 1:] * deviation)
+    def of(
+        point: Point,
+        deviation: np.ndarray,
+        centre: np.ndarray,
+        logs: np.ndarray | None = None,
+        log_of_chunk: np.ndarray | None = None,
+    ) -> "Projection":
+        """By priors of what is known, as in ``Point.priors``; on some ``logs`` (bool), or on all."""
+        blocks, levels, whitened = point.basis.blocks, point.evidence.levels, point.whitened
+        if logs is not None and log_of_chunk is not None:
+            blocks, kept = blocks.of_logs(logs, log_of_chunk)
+            levels, whitened = levels[kept], [own[logs[log_of_chunk]] for own in whitened]
+        stacked = blocks.at_levels(whitened, levels)
+        return Projection(blocks, levels, stacked[:, 0] - stacked[:, 1:] @ centre, stacked[:, 1:] * deviation)
 
     @cached_property
     def root(self) -> np.ndarray:
@@ -308,7 +315,7 @@ class Projection:
 
     def of_columns(self, whitened: Whitened) -> tuple[np.ndarray, np.ndarray]:
         """Inner products with the errors (columns,), and among each other (columns, columns), of what is left."""
-        columns = self.point.basis.blocks.at_levels(whitened, self.point.evidence.levels)
+        columns = self.blocks.at_levels(whitened, self.levels)
         cross = np.linalg.solve(self.root, self.known.T @ columns)
         by_errors = columns.T @ self.errors - cross.T @ np.linalg.solve(self.root, self.known.T @ self.errors)
         return by_errors, columns.T @ columns - cross.T @ cross

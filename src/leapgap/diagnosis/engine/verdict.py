@@ -27,7 +27,7 @@ UNNAMED = 20.0
 SINGLES = 4
 """Number of single effects that a report lists beside the answer."""
 LEAST_CLOSURE = 0.01
-"""Share of the gap that each member of a set has to close."""
+"""Share of the gap that a set, and each member of it, has to close."""
 APART = LEAST_GAIN
 """Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀."""
 
@@ -91,9 +91,9 @@ def rivals_of(search: Search, found: Found, member: int) -> list[Rival]:
     return sorted(others, key=lambda rival: rival.loss)
 
 
-def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> EvidenceJudgement:
+def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> EvidenceJudgement:
     """The conclusion of a search: verdict, causes in the order of what they explain, and the four numbers."""
-    start, found = path[0], without_immaterial(search, path[0], path[-1], gap)
+    found = without_immaterial(search, start, found, gap)
     blocks = len(found.point.evidence.levels)
     u, before = found.unnamed, start.unnamed
     nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
@@ -114,7 +114,7 @@ def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> Evidence
     closes = gap.figures([steps[-1]])[0].closure
     g = found.predictive - start.predictive
     numbers = Numbers(g, u, before, float(d), closes.value, blocks)
-    if gap.has_gap and closes.high <= 0:
+    if gap.has_gap and closes.value < LEAST_CLOSURE:
         return EvidenceJudgement(without, nominal, others, numbers)
     at_end = steps[-1].at_bound
     if not explained or at_end:
