@@ -90,7 +90,9 @@ def command_page() -> str:
     parts = [COMMAND]
     (commands,) = (action for action in cli.parser()._actions if isinstance(action, argparse._SubParsersAction))
     for name, parser in commands.choices.items():
-        parser.formatter_class = lambda prog: argparse.HelpFormatter(prog, width=COMMAND_WIDTH, max_help_position=30)
+        parser.formatter_class = lambda prog: argparse.RawDescriptionHelpFormatter(
+            prog, width=COMMAND_WIDTH, max_help_position=30
+        )
         text = parser.format_help().replace(cli.UNITS, "").strip()
         parts.append(f"## leapgap {name}\n\n```text\n{text}\n```\n")
     return "\n".join(parts)
