@@ -82,7 +82,7 @@ def read_foreign(layout: LogFormat, source: Path, robot: Robot, options: Any) ->
 def read_checked(layout: LogFormat, path: Path, name: str, robot: Robot, options: Any) -> list[Log]:
     """The logs of one foreign file or folder, each checked as every log is that comes from a file."""
     check_tree(path, f"a log of format {layout.name}", "copy the files themselves")
-    with decoding(path, layout.name, "export it anew"):
+    with decoding(path, layout.name, "export it again"):
         logs = layout.read_all(path, name, robot, options)
     for log in logs:
         check_read(log, f"{path}, {log.name}" if len(logs) > 1 else path)
