@@ -119,10 +119,10 @@ def test_messages_of_the_command_name_no_key_of_hydra() -> None:
 
 
 @pytest.mark.parametrize("page", [page for page in TEXTS if page != "README.md"])
-def test_a_page_says_at_its_top_for_whom_it_is(page: str) -> None:
+def test_a_page_says_at_its_top_for_whom_it_is_and_what_one_can_do_after_it(page: str) -> None:
     head, _, rest = TEXTS[page].partition("\n\n")
     assert head.startswith("# ")
-    assert re.match(r"\*For \w[^*]*\.", rest), page
+    assert re.match(r"\*For \w[^*]*\.\sAfter\sthis\spage\s[^*]*\.", rest), page
 
 
 def test_the_front_page_and_the_docs_are_short() -> None:

@@ -148,7 +148,7 @@ def take_gains_of_servos(robot: Robot, proposal: Proposal) -> bool:
     proposal.notes = [one for one in proposal.notes if not (one[0] == MISSING and "gains" in one[1])]
     proposal.say(
         GUESSED,
-        "gains of the joint PD are unknown; those of the servos in the model file are a start. If known, state "
+        "gains of the joint PD are unknown; those of the servos in the model file are a first guess. If known, state "
         "constants.cmd_kp/* and cmd_kd/* (N·m/rad, N·m·s/rad) in place of gains: unknown",
     )
     return True
