@@ -312,10 +312,9 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
     for key, named in (("effects", settings.effects), ("without", settings.without)):
         unknown = [name for name in named if name not in kinds]
         if unknown:
-            expected = f"names among {', '.join(kinds)}"
             nearest = (did_you_mean(name, kinds) for name in unknown)
             do = " ".join(filter(None, nearest)) or "list the names: leapgap effects"
-            raise InputError(key, ", ".join(unknown), expected, do)
+            raise InputError(key, ", ".join(unknown), "names that 'leapgap effects' lists", do)
     names = [*(settings.effects or effects.by_default()), *(kind.name for kind in own)]
     without = {kinds[name] for name in settings.without}
     found = [kind for kind in dict.fromkeys(kinds[name] for name in names) if kind not in without]

@@ -273,7 +273,7 @@ def header_checksum(text: bytes, columns: Sequence[str], rows: int) -> bytes:
 
 def read_log(path: Path) -> Log:
     """Read one log, verified and checked; its name is the stem of the file's name."""
-    check_file(path, "a log (Parquet)", "import or collect logs first")
+    check_file(path, "a log (*.parquet), or a folder of logs", "convert your logs first: leapgap import")
     with decoding(path, "Parquet", "import the log again"):
         table, metadata = read_parquet(path)
         names, rows = table.column_names, table.num_rows
@@ -337,7 +337,7 @@ def read_logs(folder: Path) -> list[Log]:
     ``InputError`` lists all files that cannot be used; ``reading.read_folder`` goes on without them.
     """
     if not folder.is_dir():
-        raise InputError(folder, "no such folder", "a folder of logs", "import or collect logs first")
+        raise InputError(folder, "no such folder", "a folder of logs", "convert your logs first: leapgap import")
     check_folder(folder)
     logs, errors = [], []
     for path in sorted(folder.glob("*.parquet")):

@@ -58,7 +58,7 @@ def read_folder(folder: Path, robot: Robot | None = None) -> Readings:
     than two others are left.
     """
     if not folder.is_dir():
-        raise InputError(folder, "no such folder", "a folder of logs", "import or collect logs first")
+        raise InputError(folder, "no such folder", "a folder of logs", "convert your logs first: leapgap import")
     check_folder(folder)
 
     def reader(path: Path) -> Callable[[], list[Log]]:

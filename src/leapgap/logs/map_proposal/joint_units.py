@@ -404,8 +404,8 @@ def judge_set_point(
         factor = UNITS["rad" if quantity == "cmd_pos" else "rad/s"][name]
         evidence.values[quantity] = evidence.values[quantity] * np.where(evidence.robot.turning, factor, 1.0)
     if not clear.all():
-        which = "nothing measured follows" if not clear.any() else f"{names_of(~clear, evidence)} hardly follow"
-        proposal.say(GUESSED, f"{quantity} is in {name}, as what is measured: {which} it closely enough to tell")
+        which = "no joint follows" if not clear.any() else f"all joints but {names_of(~clear, evidence)} follow"
+        proposal.say(GUESSED, f"{quantity} is in {name}, as what is measured: {which} it closely enough to be sure")
     elif not abs(np.log(size)) < np.log1p(0.15):
         proposal.say(
             GUESSED, f"{quantity} is in {name}, the nearest unit: what is measured moves {size:.3g} times as far"
