@@ -139,7 +139,7 @@ class ActuatorNetwork:
             torch.jit.trace(self.layers, torch.zeros(1, 2 * self.history)).save(str(path))
 
     def write_onnx(self, path: Path) -> None:
-        """The same for whoever reads no TorchScript: ``input`` (n, 2 history) to ``output`` (n, 1)."""
+        """The same without TorchScript: ``input`` (n, 2 history) to ``output`` (n, 1)."""
         nodes, constants, last = [], [], "input"
         for k, layer in enumerate(self.layers):
             out = "output" if k == len(self.layers) - 1 else f"value_{k}"

@@ -52,7 +52,7 @@ class Readings:
 
 
 def read_folder(folder: Path, robot: Robot | None = None) -> Readings:
-    """Logs of ours in a folder, in the order of their names; none where there is no file.
+    """Logs in leapgap's format in a folder, in the order of their names; none where there is no file.
 
     With a robot, those that are not of that robot are set aside, too. ``InputError`` lists all bad logs where fewer
     than two others are left.

@@ -17,7 +17,7 @@ from leapgap.logs.parquet_pages import check_pages
 
 
 class Parquet(TableFormat):
-    """Parquet tables with columns of any name; logs of ours need no import."""
+    """Parquet tables with columns of any name; logs in leapgap's format need no import."""
 
     name = "parquet"
     suffixes = (".parquet",)
