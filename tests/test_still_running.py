@@ -12,7 +12,7 @@ def test_silence_is_broken_and_talk_is_passed_on() -> None:
     with still_running(lines.append, silence_s=0.2) as tell:
         tell("begun")
         time.sleep(0.5)
-    assert lines == ["begun", *["still running, 5 s so far"] * 2]
+    assert lines == ["begun", *["still running; 1 s so far"] * 2]
 
 
 def test_nothing_is_added_between_lines_nor_after_the_end() -> None:
@@ -39,9 +39,9 @@ def test_each_step_says_how_long_all_of_them_will_take_at_least() -> None:
         tell("step 4 of 4, report")
     assert lines == [
         "step 1 of 4, checks",
-        "step 2 of 4, search, 20 s so far, at least 60 s more",
+        "step 2 of 4, search; 20 s so far, at least 60 s more",
         "a cause",
-        "step 4 of 4, report, 4 min so far, at least 80 s more",
+        "step 4 of 4, report; 4 min so far, at least 80 s more",
     ]
 
 
@@ -53,5 +53,5 @@ def test_an_estimate_that_has_passed_is_no_longer_said() -> None:
         tell("step 2 of 2, search")
         now = 600.0
         time.sleep(0.1)
-    assert lines[0] == "step 2 of 2, search, 30 s so far, at least 30 s more"
-    assert lines[-1] == "still running, 10 min so far"
+    assert lines[0] == "step 2 of 2, search; 30 s so far, at least 30 s more"
+    assert lines[-1] == "still running; 10 min so far"

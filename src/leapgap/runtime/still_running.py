@@ -27,7 +27,7 @@ def still_running(
     def timed(line: str) -> str:
         passed = clock() - began
         more = f", at least {in_words(whole - passed)} more" if passed < whole else ""
-        return f"{line}, {in_words(passed)} so far{more}"
+        return f"{line}; {in_words(passed)} so far{more}"
 
     def said(line: str) -> None:
         nonlocal last, whole
@@ -55,4 +55,6 @@ def still_running(
 
 def in_words(time_s: float) -> str:
     """A time as a person says it: ``40 s``, ``3 min``."""
-    return f"{5 * max(1, round(time_s / 5))} s" if time_s < 95 else f"{time_s / 60:.0f} min"
+    if time_s < 10:
+        return f"{max(1, round(time_s))} s"
+    return f"{5 * round(time_s / 5)} s" if time_s < 95 else f"{time_s / 60:.0f} min"
