@@ -29,7 +29,7 @@ class AtHorizon:
     nominal: float
     corrected: float
     frozen: float
-    """Of a robot that stays as it was at each start."""
+    """Of a robot that does not move from each start (baseline)."""
 
 
 @dataclass(frozen=True)

@@ -143,7 +143,7 @@ def without_immaterial(search: Search, start: Found, found: Found, gap: HeldOutG
         ]
         if not idle:
             break
-        search.progress(f"without {found.members[idle[0]].label}, which closes nothing")
+        search.progress(f"without {found.members[idle[0]].label}, which explains nothing")
         found = search.settle(found.with_members(fewer[idle[0]]))
     return found
 
