@@ -23,6 +23,7 @@ from leapgap.logs.log import read_logs
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 from tests import plain_arm
+from tests.diagnosis import pd_arms
 
 
 def test_evidence_and_posterior_are_those_of_a_dense_gaussian() -> None:
@@ -130,6 +131,15 @@ def test_damping_of_an_elbow_is_named_with_its_number(tmp_path: Path) -> None:
     assert damping.value == pytest.approx(plain_arm.TRUE - plain_arm.BELIEVED, rel=0.05)
     assert report.evidence_numbers is not None
     assert report.evidence_numbers.u < 0.05 * report.evidence_numbers.u_before
+
+
+@pytest.mark.long
+def test_a_torque_limit_far_from_the_models_is_named(tmp_path: Path) -> None:
+    """No column at nominal shows it: within its own limits the model is never at one."""
+    logs, robot = pd_arms.logs(pd_arms.Truth(limit=8.0, size=0.8)), pd_arms.robot(tmp_path)
+    report = diagnose(logs, robot, Settings(engine="evidence", best=False), threads=1).report
+    assert (report.verdict, report.answer) == ("named", (("torque_limit",),))
+    assert report.causes[0].parameters["scale"].value == pytest.approx(8.0 / 200.0, rel=0.05)
 
 
 @pytest.mark.long

@@ -102,6 +102,17 @@ def test_a_filtered_velocity_is_told_from_a_late_one() -> None:
     assert [name for name, check in checks.items() if not check.passed] == ["velocity_channel"]
 
 
+def test_a_velocity_that_is_off_without_lag_or_ticks_is_left_out_and_tells_no_clock() -> None:
+    def blurred(motion: Motion, time: np.ndarray, joint: int) -> np.ndarray:
+        noise = 0.004 * np.random.default_rng(joint).standard_normal(len(time))
+        return np.asarray(0.2 * np.round(motion[1](time) / 0.2) + noise)
+
+    checks = found([log(seed, blurred, 0.002) for seed in range(2)])
+    assert "off the derivative of the positions" in checks["velocity_channel"].says
+    assert [name for name, check in checks.items() if not check.passed] == ["velocity_channel"]
+    assert not {"joint_clock", "even_clock"} & set(checks)
+
+
 @pytest.mark.parametrize("period_s", [0.001, 0.005, 0.02])
 def test_a_velocity_in_time_is_used_as_it_is(period_s: float) -> None:
     logs = [log(seed, late(0.0), period_s, noise=2e-4) for seed in range(2)]
@@ -135,7 +146,7 @@ def test_columns_too_coarse_for_a_clock_say_so() -> None:
     checks = found([log(seed, register, tick=tick, joints=1, size=0.03, rates=(0.2, 0.5)) for seed in range(3)])
     assert all(check.passed for check in checks.values()), [check.says for check in checks.values()]
     assert "they come in steps of 0.024 a second, positions in steps of 0.0015" in checks["velocity_channel"].says
-    assert "the columns are too coarse to tell less than" in checks["even_clock"].says
+    assert "the columns are too coarse to show less than" in checks["even_clock"].says
 
 
 def test_velocities_coarser_than_what_positions_tell_are_not_used() -> None:
