@@ -17,13 +17,14 @@ from leapgap.logs.log import Log
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.reports.kept import KEPT, keep, kept
 from leapgap.reports.pages import write_kept_pages
+from leapgap.reports.verdict_jobs import Job, run_jobs
 from leapgap.robot.model import Robot
 from leapgap.runtime.cache import ResultCache
 from leapgap.runtime.executor import Executor
 from leapgap.validation.case import CaseSetup, withhold, write_case
 from leapgap.validation.case_draw import Case
-from stages.diagnose_withheld import Job, diagnosis_settings, run_jobs
-from stages.params import compose_conf
+from stages.compose import compose_conf
+from stages.sections.diagnosis import diagnosis_settings
 from tests.code import ROOT, closure
 from tests.test_pipeline_files import stages
 

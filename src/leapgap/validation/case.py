@@ -10,6 +10,8 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.channels import channel_errors
+from leapgap.diagnosis.experiments import plans_of
+from leapgap.diagnosis.experiments.given import Given
 from leapgap.diagnosis.gap import headline_gap
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import noise_floor
@@ -305,3 +307,12 @@ def further_logs(
     rows = [planned_rows(plan, setup.course) for plan in plans]
     timings = draw_timings(family_of_rows, rows, robot, np.random.default_rng([seed, 1, CLOCK_SEED]))
     return [jump.log for jump in generate_jumps(plans, own, generator, setup.noise, setup.course, rng, timings)]
+
+
+def proposed_logs(
+    truth: Mapping[str, Any], proposal: Mapping[str, Any], logs: Sequence[Log], robot: Robot, setup: CaseSetup
+) -> list[Log]:
+    """Logs of the experiment that a report on some logs proposes, by the robot of a withheld case."""
+    given = Given(JudgedLogs.of(logs, robot).logs, robot)
+    plans = [MotionPlan(plan.name, plan) for plan in plans_of(proposal, given)]
+    return further_logs(truth, plans, robot, setup, np.random.default_rng([truth["seed"], 1]))

@@ -13,7 +13,7 @@ from leapgap.jumping.learning.models.residual_networks import NetworksConfig
 from leapgap.jumping.learning.recipe import Fitting
 from leapgap.jumping.learning.windows import Windows
 from leapgap.runtime.atomic_io import read_json
-from stages.params import compose_conf
+from stages.compose import compose_conf
 from tests.jumping.learning.test_training import INPUTS, config
 
 PACKAGES = {"tensorboard": "tensorboard", "mlflow": "sqlalchemy", "wandb": "wandb"}
