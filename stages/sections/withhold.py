@@ -14,8 +14,7 @@ from leapgap.validation.case import CaseSetup, ChosenCase
 from leapgap.validation.case_draw import Further, FurtherCounts, Half, draw_cases
 from leapgap.validation.motions import known
 from leapgap.validation.owners.cases import OwnersHalf, draw_owners
-from leapgap.validation.robot_class import ClassCases, RobotClass, draw_class
-from leapgap.validation.withholding import DrawnCases
+from leapgap.validation.withholding import ClassCases, DrawnCases, RobotClass, draw_class
 from stages.common import CONF, find_model, read_config, read_each, read_one_of
 
 

@@ -9,27 +9,66 @@ import numpy as np
 
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.jumping.control.excitation import Excitation
+from leapgap.jumping.control.excitation import Excitation, ExcitedController
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.experiments.collection import CollectionResult, CollectionSpec
+from leapgap.jumping.control.tracking import JumpController
+from leapgap.jumping.experiments.landing import Landing
 from leapgap.jumping.experiments.method import Method, References, crouch
 from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
 from leapgap.jumping.experiments.methods.mpc import MpcMethod
 from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.trial import TrialSetup
+from leapgap.jumping.experiments.trial import TrialSetup, attempt_task
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel, planner_body
 from leapgap.jumping.planning.batch import read_targets
 from leapgap.jumping.planning.reference_store import reference_to
 from leapgap.jumping.task import Target, target_of
-from leapgap.logs.log import write_log
+from leapgap.logs.log import Log, write_log
 from leapgap.robot.model import Robot
 from leapgap.runtime.executor import Executor
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.open_loop import Course
 from leapgap.simulation.presets import Variant
+
+
+@dataclass(frozen=True)
+class CollectionResult:
+    """The log of one jump, where it landed, and how often its controller fell back, by reason."""
+
+    log: Log
+    landing: Landing
+    block_m: float
+    fallbacks: dict[str, int]
+
+
+@dataclass(frozen=True)
+class CollectionSpec:
+    """One jump to make. It is plain data, so that it can be sent to worker processes."""
+
+    name: str
+    task: JumpTask
+    method: Method
+    effects: tuple[Effect, ...]
+    world: TrialSetup
+    seed: int
+    excitation: Excitation = field(default_factory=Excitation)
+
+    def run(self) -> CollectionResult:
+        """Simulate the jump in closed loop; the same seed gives the same result."""
+        rng = np.random.default_rng(self.seed)
+
+        def controllers(task: JumpTask) -> list[JumpController]:
+            plain = list(self.method(task))
+            if self.excitation.force_n == 0:
+                return plain
+            return [ExcitedController(one, self.excitation, rng) for one in plain]
+
+        level = self.method.references[self.task.target]
+        outcome = attempt_task(self.task, controllers, level, self.effects, self.world, rng)
+        log = Log(self.name, outcome.run.log.columns, outcome.run.log.info)
+        return CollectionResult(log, outcome.landings[0], self.task.block_m[0], dict(outcome.fallbacks))
 
 
 @dataclass(frozen=True)
