@@ -19,7 +19,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.jumping.experiments.landing_experiment import FIGURES, TABLE
 from leapgap.jumping.experiments.scores import round_value
-from leapgap.runtime.atomic_io import read_json, write_json
+from leapgap.runtime.atomic_io import read_json, write_metrics
 from stages.common import run_command
 from stages.compose import compose_conf
 
@@ -126,7 +126,7 @@ def draws(words: list[str]) -> None:
     if len(words) != 2:
         raise InputError("stages.draws", f"{len(words)} words", "a folder and a file", "see --help")
     found = merge(rows_of_draws(Path(words[0])))
-    write_json(Path(words[1]), found)
+    write_metrics(Path(words[1]), found)
     print(tables(found))
 
 

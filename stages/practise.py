@@ -7,8 +7,6 @@ Examples:
     python -m stages.practise 'land.hardware=[soft]' 'land.methods=[learned_variable]' practise.out=practice
 """
 
-from pathlib import Path
-
 from omegaconf import DictConfig
 
 from leapgap.jumping.experiments.landing_experiment import PractiseSettings, run_practice
@@ -29,10 +27,7 @@ def practise(config: DictConfig) -> None:
     executor = read_config(Executor, config.executor, "executor")
     experiment = experiment_of(config, settings)
     out = claim_folder(output_folder(section.out, STAGE, (settings.references, config.robot.model), kept=True), STAGE)
-    figures = run_practice(experiment, executor, out)
-    for path in (out / FIGURES, section.metrics):
-        if path is not None:
-            write_json(Path(path), figures)
+    write_json(out / FIGURES, run_practice(experiment, executor, out))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from omegaconf import DictConfig
 
 from leapgap.diagnosis.settings import Settings
 from leapgap.reports.real_robots import judge_all
-from leapgap.runtime.atomic_io import write_json
+from leapgap.runtime.atomic_io import write_metrics
 from leapgap.runtime.output_folder import claim_folder
 from stages.common import output_folder, read_config, run_stage
 from stages.sections.robots import RobotsSettings, cases_here, importer
@@ -30,7 +30,7 @@ def robots(config: DictConfig) -> None:
         return
     table = judge_all(cases, raw, importer, settings, chosen.pushes, claim_folder(out, STAGE))
     if chosen.metrics:
-        write_json(Path(chosen.metrics), {"cases": table})
+        write_metrics(Path(chosen.metrics), {"cases": table})
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from leapgap.reports.scores import open_outcome
 from leapgap.reports.verdict_jobs import Job
 from leapgap.robot.model import Robot
 from leapgap.robot.self_contained import own_model
-from leapgap.runtime.atomic_io import read_json, write_json
+from leapgap.runtime.atomic_io import read_json, write_json, write_metrics
 from leapgap.runtime.cache import ResultCache, result_key
 from leapgap.runtime.executor import Executor
 from leapgap.runtime.import_closure import code_hash
@@ -105,7 +105,7 @@ def write_table(chosen: BenchSettings, table: Mapping[str, Any]) -> None:
     if chosen.metrics and table:
         path = Path(chosen.metrics)
         before = read_json(path) if path.is_file() else {}
-        write_json(path, round_floats({**before, **table}))
+        write_metrics(path, round_floats({**before, **table}))
 
 
 def cases_of(family: str, chosen: BenchSettings) -> list[Path]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from leapgap.diagnosis.settings import Settings
 from leapgap.reports.diagnosis import PAGE, PageSettings, Report
 from leapgap.reports.kept import keep, write_note
-from leapgap.runtime.atomic_io import write_json
+from leapgap.runtime.atomic_io import write_metrics
 from leapgap.runtime.output_folder import whole_folder
 
 SWEPT = ("gap_corrected", "gap_nominal", "closure_heldout", "noise_floor")
@@ -54,7 +54,7 @@ def write_diagnosis(
         return None
     figures = report.content.metrics()
     if chosen.metrics:
-        write_json(Path(chosen.metrics), figures)
+        write_metrics(Path(chosen.metrics), figures)
     print(report.sentence)
     if chosen.pages:
         print(f"report: {out / PAGE}")

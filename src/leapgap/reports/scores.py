@@ -15,7 +15,7 @@ from leapgap.reports.pages import write_kept_pages
 from leapgap.reports.validation import html
 from leapgap.robot.model import Robot
 from leapgap.robot.self_contained import own_model
-from leapgap.runtime.atomic_io import read_json, write_json, write_text
+from leapgap.runtime.atomic_io import read_json, write_json, write_metrics, write_text
 from leapgap.runtime.output_folder import whole_folder
 from leapgap.simulation.corrected import read_corrected
 from leapgap.validation import scoring
@@ -82,10 +82,10 @@ def write_scores(
         write_text(folder / "index.html", page(outcomes, halves, revisits, settings, out))
     scores = round_floats(metrics(halves))
     if settings.metrics:
-        write_json(Path(settings.metrics), scores)
+        write_metrics(Path(settings.metrics), scores)
     for o in outcomes:
         if settings.published_metrics and o.half == PUBLISHED:
-            write_json(Path(settings.published_metrics), round_floats(published_metrics(o)))
+            write_metrics(Path(settings.published_metrics), round_floats(published_metrics(o)))
         print(f"{o.case}: {o.said_true} ({o.change_floors:.1f} noise floors) → {verdict_text(o)}")
     print(f"page: {out / 'index.html'}")
     return {name: value for name, value in scores.items() if isinstance(value, float)}

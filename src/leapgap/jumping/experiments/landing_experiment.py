@@ -26,7 +26,7 @@ from leapgap.jumping.models.rigid_body_model import planner_body
 from leapgap.jumping.planning.reference_store import reference_to
 from leapgap.jumping.task import Target
 from leapgap.robot.model import Robot
-from leapgap.runtime.atomic_io import whole_file, write_json
+from leapgap.runtime.atomic_io import whole_file, write_json, write_metrics
 from leapgap.runtime.cache import ResultCache
 from leapgap.runtime.executor import Executor
 from leapgap.simulation.closed_loop import Sensing
@@ -197,9 +197,9 @@ def write_landings(scored: Sequence[ScoredRun], settings: LandSettings, out: Pat
     """Write figures and table; the mean errors by hardware and method, cm, which are printed too."""
     figures = landing_figures(scored, settings.single, settings.seed)
     write_rows([row for one in scored for row in one.rows()], out / TABLE)
-    for path in (out / FIGURES, settings.metrics):
-        if path is not None:
-            write_json(Path(path), figures)
+    write_json(out / FIGURES, figures)
+    if settings.metrics is not None:
+        write_metrics(Path(settings.metrics), figures)
     for key, value in figures["mean_abs_error_cm"].items():
         print(f"{key}: {value:.2f} cm over {', '.join(settings.single)}")
     return {f"mean_abs_error_cm/{name}": value for name, value in figures["mean_abs_error_cm"].items()}
@@ -210,7 +210,6 @@ class PractiseSettings:
     """Section ``practise`` of the configuration; what is practised stands in ``land``."""
 
     out: str | None
-    metrics: str | None
 
 
 def run_practice(experiment: LandingExperiment, executor: Executor, out: Path) -> dict[str, dict[str, Any]]:

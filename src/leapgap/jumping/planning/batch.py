@@ -14,7 +14,7 @@ from leapgap.jumping.planning.reference import Gains, name_of, to_jump
 from leapgap.jumping.planning.solve import Solution, solve_all
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.logs.log import write_log
-from leapgap.runtime.atomic_io import write_json
+from leapgap.runtime.atomic_io import write_json, write_metrics
 from leapgap.runtime.output_folder import whole_folder
 
 INDEX, BESIDE = "references.json", "beside"
@@ -87,7 +87,7 @@ def write_all(solutions: Sequence[Solution], settings: OptimizeSettings, out: Pa
     if settings.timing not in (None, BESIDE):
         write_json(Path(settings.timing), timing(solutions))
     if settings.metrics is not None:
-        write_json(Path(settings.metrics), metrics(solutions))
+        write_metrics(Path(settings.metrics), metrics(solutions))
     print(f"{len(solutions)} references in {out}")
     return {f"cost/{name_of(one.problem.target)}": float(one.cost) for one in solutions}
 

@@ -10,7 +10,7 @@ from leapgap.jumping.learning.time_grid_comparison import RollOut
 from leapgap.jumping.reports import learning as page
 from leapgap.logs.log import read_logs
 from leapgap.robot.model import Robot
-from leapgap.runtime.atomic_io import read_json, write_json, write_text
+from leapgap.runtime.atomic_io import read_json, write_json, write_metrics, write_text
 from leapgap.runtime.output_folder import whole_folder
 
 METRICS = "learning.json"
@@ -70,7 +70,7 @@ def evaluate_held_out(settings: EvaluateSettings, out: Path, by: str) -> dict[st
         if not settings.metrics:
             write_json(folder / METRICS, figures)
     if settings.metrics:
-        write_json(metrics, figures)
+        write_metrics(metrics, figures)
     print(f"{len(extracted)} windows of {len(extracted.jumps)} jumps predicted -> {metrics}, {out}")
     errors: Any = figures.get("cv_mse")
     return {name: float(value) for name, value in errors.items()} if isinstance(errors, dict) else None
