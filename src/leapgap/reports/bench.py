@@ -17,7 +17,6 @@ from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.logs.log import read_logs
 from leapgap.reports.diagnosis import REPORT, diagnose_folder
-from leapgap.reports.scores import open_outcome
 from leapgap.reports.verdict_jobs import Job
 from leapgap.robot.model import Robot
 from leapgap.robot.self_contained import own_model
@@ -27,7 +26,7 @@ from leapgap.runtime.executor import Executor
 from leapgap.runtime.import_closure import code_hash
 from leapgap.validation.bench_table import line, markdown, row_of, row_without_answer, summary
 from leapgap.validation.case import published_case, write_case
-from leapgap.validation.half_scores import ScoreSettings
+from leapgap.validation.half_scores import ScoreSettings, open_outcome
 from leapgap.validation.outcome import truth_in_words
 from leapgap.validation.realised_reduction import realised_closure
 from leapgap.validation.seal import PUBLISHED, SEALS, open_truth

@@ -7,60 +7,25 @@ from pathlib import Path
 from typing import Any
 
 from leapgap.diagnosis.report import round_floats
-from leapgap.errors import InputError
-from leapgap.logs.log import read_logs
-from leapgap.reports.diagnosis import CORRECTED, REPORT
 from leapgap.reports.kept import KEPT
 from leapgap.reports.pages import write_kept_pages
 from leapgap.reports.validation import html
 from leapgap.robot.model import Robot
-from leapgap.robot.self_contained import own_model
-from leapgap.runtime.atomic_io import read_json, write_json, write_metrics, write_text
+from leapgap.runtime.atomic_io import write_json, write_metrics, write_text
 from leapgap.runtime.output_folder import whole_folder
-from leapgap.simulation.corrected import read_corrected
 from leapgap.validation import scoring
 from leapgap.validation.half_scores import (
     PUBLISHED,
     REPORTED,
     TUNING,
     ScoreSettings,
-    check_judged_logs,
     metrics,
     published_metrics,
     read_revisits,
     score_half,
     verdict_text,
 )
-from leapgap.validation.outcome import CaseOutcome, outcome
-from leapgap.validation.realised_reduction import realised_closure
-from leapgap.validation.seal import SEALS, open_truth
-
-
-def open_outcomes(settings: ScoreSettings, robot: Robot) -> list[CaseOutcome]:
-    """Outcomes of all cases that have a verdict; the others are said, and none with one is an ``InputError``."""
-    cases = sorted(read_json(Path(settings.logs) / SEALS))
-    diagnosed = [name for name in cases if (Path(settings.verdicts) / name / REPORT).is_file()]
-    if not diagnosed:
-        raise InputError(settings.verdicts, "no report of a withheld case", "<case>/report.json", "diagnose them first")
-    for name in sorted(set(cases) - set(diagnosed)):
-        print(f"{name}: not diagnosed, not scored")
-    return [open_outcome(name, settings, robot) for name in diagnosed]
-
-
-def open_outcome(name: str, settings: ScoreSettings, robot: Robot) -> CaseOutcome:
-    """Outcome of one case: its seal is checked, and the realised closure measured on the jumps kept with the truth."""
-    truth = open_truth(Path(settings.truth), Path(settings.logs), name)
-    if own := own_model(Path(settings.logs) / name):
-        robot = Robot.load(own)
-    verdict = Path(settings.verdicts) / name
-    report = read_json(verdict / REPORT)
-    check_judged_logs(name, truth, report)
-    realised = None
-    if report["closure_of_answer"] and truth["proof"]:
-        _, correction = read_corrected(verdict / CORRECTED)
-        proof = read_logs(Path(settings.truth) / name)
-        realised = realised_closure(proof, robot, correction, report, settings.seed)
-    return outcome(name, truth, report, realised, robot.topology.sides)
+from leapgap.validation.outcome import CaseOutcome
 
 
 def write_scores(
