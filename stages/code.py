@@ -9,20 +9,19 @@ Examples:
 """
 
 import json
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 
 from leapgap.errors import InputError
 from leapgap.runtime.atomic_io import read_json, write_text
 from leapgap.runtime.import_closure import PACKAGE, SourceTree
-from stages.help import answered_at_once
 
 OUT = Path("data/code")
 STAGES = Path(__file__).parent
 PAGES = ("leapgap.reports", "leapgap.jumping.reports")
 """Packages whose modules make pages and recordings."""
-COMPUTES = {"leapgap.reports", *(f"leapgap.reports.{name}" for name in ("diagnosis", "kept", "verdict_jobs"))}
+COMPUTING = ("diagnosis", "diagnosis_job", "kept", "verdict_jobs", "revisits", "real_robots", "bench")
+COMPUTES = {"leapgap.reports", *(f"leapgap.reports.{name}" for name in COMPUTING)}
 """What of them is used without a page."""
 GUARDS = "leapgap.runtime"
 """What guards a run and shapes no result: `stages/__init__.py` loads it before any stage."""
@@ -67,7 +66,4 @@ def check_loaded(name: str, loaded: Iterable[str]) -> None:
 
 
 if __name__ == "__main__":
-    if answer := answered_at_once("code", sys.argv[1:]):
-        print(answer, end="")
-    else:
-        write_hashes(OUT)
+    write_hashes(OUT)

@@ -27,7 +27,7 @@ from leapgap.runtime.atomic_io import read_json, write_json
 from leapgap.runtime.import_closure import PACKAGE, SourceTree
 from leapgap.runtime.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, package_version, system_error
 from stages.code import check_loaded
-from stages.help import CONF, answered_at_once
+from stages.help import CONF
 
 ROOT = Path(__file__).resolve().parent.parent
 PARAMS = Path("params.yaml")
@@ -52,9 +52,6 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
     whose sections take keys that conf/ does not show; the stage refuses those that are wrong.
     """
     name = Path(sys.argv[0]).stem
-    if answer := answered_at_once(name, sys.argv[1:]):
-        print(answer, end="")
-        return
 
     def stage_or_refusal(config: DictConfig) -> Any:
         find_robot(config)
@@ -75,6 +72,14 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
             check_options(sys.argv[1:])
             sys.argv[1:] = [with_leave_to_add(argument, extensible) for argument in sys.argv[1:]]
             run_with_hydra(stage_or_refusal, name)
+    except (InputError, OSError) as error:
+        refuse(name, error)
+
+
+def run_command(name: str, command: Callable[[list[str]], int | None]) -> None:
+    """Run a command that takes words and no settings, with these words, and end with the exit code that it returns."""
+    try:
+        sys.exit(command(sys.argv[1:]))
     except (InputError, OSError) as error:
         refuse(name, error)
 
@@ -275,10 +280,9 @@ def read_config(kind: type[T], section: DictConfig, key: str) -> T:
         where = f"{key}.{error.full_key}" if getattr(error, "full_key", None) else key
         if isinstance(error, ValidationError):
             raise InputError(where, message, "a value of that kind", "correct it") from None
-        fields = ", ".join(kind.__dataclass_fields__)  # type: ignore[attr-defined]
-        nearest = did_you_mean(str(getattr(error, "key", "")), list(kind.__dataclass_fields__))  # type: ignore[attr-defined]
-        do = nearest or "correct it in conf/ or on the command line"
-        raise InputError(where, message, f"the keys {fields}", do) from None
+        fields = list(getattr(getattr(error, "object_type", kind), "__dataclass_fields__", kind.__dataclass_fields__))  # type: ignore[attr-defined]
+        do = did_you_mean(str(getattr(error, "key", "")), fields) or "correct it in conf/ or on the command line"
+        raise InputError(where, message, f"the keys {', '.join(fields)}", do) from None
     except ValueError as error:  # a dataclass that refuses its values
         raise InputError(key, str(error), "values that fit together", "correct them in conf/") from None
 
@@ -323,6 +327,11 @@ def empty_mappings(schema: DictConfig, section: DictConfig) -> None:
 def read_optional(kind: type[T], section: DictConfig | None, key: str) -> T | None:
     """Like ``read_config`` for a section that may be absent or null, which gives ``None``."""
     return None if section is None else read_config(kind, section, key)
+
+
+def read_each(kind: type[T], section: DictConfig, key: str) -> dict[str, T]:
+    """Like ``read_config`` for each entry of a section, by its name."""
+    return {str(name): read_config(kind, section[name], f"{key}.{name}") for name in section}
 
 
 def read_one_of(kinds: Mapping[str, type[T]], section: Mapping[str, Any], key: str) -> dict[str, T]:

@@ -9,7 +9,6 @@ Examples:
 
 import csv
 import re
-import sys
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -20,10 +19,9 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.jumping.experiments.landing_experiment import FIGURES, TABLE
 from leapgap.jumping.experiments.scores import round_value
-from leapgap.runtime.atomic_io import read_json, write_json
-from stages.common import refuse
-from stages.help import answered_at_once
-from stages.params import compose_conf
+from leapgap.runtime.atomic_io import read_json, write_metrics
+from stages.common import run_command
+from stages.compose import compose_conf
 
 AMOUNT = re.compile(r"[+-][\d.]+ ")
 Row = Mapping[str, str]
@@ -123,15 +121,14 @@ def line(cells: Iterable[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
+def draws(words: list[str]) -> None:
+    """Merge the draws of a folder into a file, and print their tables."""
+    if len(words) != 2:
+        raise InputError("stages.draws", f"{len(words)} words", "a folder and a file", "see --help")
+    found = merge(rows_of_draws(Path(words[0])))
+    write_metrics(Path(words[1]), found)
+    print(tables(found))
+
+
 if __name__ == "__main__":
-    if answer := answered_at_once("draws", sys.argv[1:]):
-        print(answer, end="")
-        sys.exit()
-    try:
-        if len(sys.argv) != 3:
-            raise InputError("stages.draws", f"{len(sys.argv) - 1} words", "a folder and a file", "see --help")
-        found = merge(rows_of_draws(Path(sys.argv[1])))
-        write_json(Path(sys.argv[2]), found)
-        print(tables(found))
-    except (InputError, OSError) as error:
-        refuse("draws", error)
+    run_command("draws", draws)

@@ -13,7 +13,6 @@ Examples:
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,8 +24,7 @@ from omegaconf.errors import OmegaConfBaseException
 from leapgap.errors import InputError, did_you_mean
 from leapgap.runtime.atomic_io import read_json, write_json
 from leapgap.runtime.output_folder import folder_lock, is_inside
-from stages.common import refuse
-from stages.help import answered_at_once
+from stages.common import run_command
 from stages.programs import program
 
 IMPORTS, RAW = Path("imports"), Path("data/raw")
@@ -173,13 +171,12 @@ def check_answer(url: str, logs: Path) -> None:
         raise InputError(url, f"no answer ({why})", "a repository that a network reaches", do)
 
 
+def fetch_and_say(names: Sequence[str]) -> None:
+    """Fetch sources, the jumps where none is named, and say what to run now."""
+    for folder in fetch(names or (JUMPS,)):
+        do = "make run, or dvc repro" if folder.name == JUMPS else "make robots"
+        print(f"{folder}: {sum(1 for path in folder.rglob('*') if path.is_file())} files; now: {do}")
+
+
 if __name__ == "__main__":
-    if answer := answered_at_once("fetch", sys.argv[1:]):
-        print(answer, end="")
-        sys.exit()
-    try:
-        for folder in fetch(sys.argv[1:] or (JUMPS,)):
-            do = "make run, or dvc repro" if folder.name == JUMPS else "make robots"
-            print(f"{folder}: {sum(1 for path in folder.rglob('*') if path.is_file())} files; now: {do}")
-    except (InputError, OSError) as error:
-        refuse("fetch", error)
+    run_command("fetch", fetch_and_say)

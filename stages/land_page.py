@@ -5,27 +5,17 @@ Examples:
     python -m stages.land_page land_page.landings=data/landings land_page.out=page
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from omegaconf import DictConfig
 
 from leapgap.jumping.experiments.landing_experiment import PAGE
-from leapgap.jumping.reports.landing import html_of
+from leapgap.jumping.reports.landing import LandPageSettings, html_of
 from leapgap.runtime.atomic_io import write_text
 from leapgap.runtime.output_folder import whole_folder
 from stages.common import output_folder, read_config, run_stage
 
 STAGE = "stages.land_page"
-
-
-@dataclass(frozen=True)
-class LandPageSettings:
-    """Section ``land_page`` of the configuration."""
-
-    landings: str
-    single: list[str]
-    out: str | None
 
 
 def land_page(config: DictConfig) -> None:

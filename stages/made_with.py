@@ -13,7 +13,6 @@ Examples:
 
 import ast
 import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,13 +21,13 @@ from leapgap.errors import InputError, did_you_mean
 from leapgap.runtime.atomic_io import read_json, sha256, write_json
 from leapgap.runtime.content_hash import digest
 from leapgap.runtime.import_closure import SourceTree, digest_of
-from stages.common import refuse
-from stages.help import answered_at_once
+from stages.common import run_command
 from stages.programs import program
 
 NOTED = Path("metrics/made_with.json")
 KINDS = {".py", ".xml", ".yaml", ".c", ".h"}
 """Files of these kinds are code."""
+UNCHANGED = "--unchanged="
 DIAGNOSIS = "leapgap.diagnosis.diagnose"
 
 
@@ -54,6 +53,7 @@ CODE: dict[str, tuple[str, ...]] = {
     "metrics/landing_kicked.json": ("stages.land", "conf/land", "conf/experiment/kicked.yaml"),
     "metrics/landing_paper.json": ("stages.land", "conf/land", "conf/experiment/paper.yaml"),
     "metrics/learning_full.json": ("stages.train", "stages.evaluate", "conf/train", "conf/size/full.yaml"),
+    "metrics/published/learning_clocks.json": (*library("jumping/learning"), "tests/benchmarks/clock_comparison.py"),
     "metrics/timing/diagnose.json": (DIAGNOSIS, "tests/benchmarks/diagnose.py"),
     "metrics/timing/sysid.json": (DIAGNOSIS, "tests/benchmarks/sysid.py"),
     "metrics/timing/replay.json": ("leapgap.simulation.replay", "tests/benchmarks/replay.py"),
@@ -170,18 +170,16 @@ def markdown(root: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
+def made_with(words: Sequence[str]) -> None:
+    """Note files of figures as made by the code as it stands, or as unchanged; print the state of all."""
+    reasons = [word.removeprefix(UNCHANGED) for word in words if word.startswith(UNCHANGED)]
+    if "" in reasons:
+        raise InputError(UNCHANGED, "no reason", "how it was shown that the figures stay", "say it after the sign")
+    if names := [word for word in words if not word.startswith(UNCHANGED)]:
+        note(Path(), names, "; ".join(reasons))
+    for name, says, of in table(Path()):
+        print(f"{name:36s} {says:13s} {of}".rstrip())
+
+
 if __name__ == "__main__":
-    if answer := answered_at_once("made_with", sys.argv[1:]):
-        print(answer, end="")
-        sys.exit()
-    try:
-        option = "--unchanged="
-        reasons = [argument.removeprefix(option) for argument in sys.argv[1:] if argument.startswith(option)]
-        if "" in reasons:
-            raise InputError(option, "no reason", "how it was shown that the figures stay", "say it after the sign")
-        if names := [argument for argument in sys.argv[1:] if not argument.startswith(option)]:
-            note(Path(), names, "; ".join(reasons))
-        for name, says, of in table(Path()):
-            print(f"{name:36s} {says:13s} {of}".rstrip())
-    except (InputError, OSError) as error:
-        refuse("made_with", error)
+    run_command("made_with", made_with)

@@ -1,149 +1,32 @@
 """Compose conf/ to params.yaml, the snapshot that DVC reads, and to the plans of tests beside it.
 
-Plans (which tasks are run, which effects are drawn) are data files below plans/ that stages depend on; they are no
-parameters. Sections of commands that are no stage of a pipeline are left out. ``conf/`` is the only place to change a
-setting. ``dvc repro`` does not compose by itself, so this first stage does; ``dvc exp run -S`` writes ``params.yaml``
-itself, so this stage then leaves it alone, and takes the plans from it.
+``conf/`` is the only place to change a setting. ``dvc repro`` does not compose by itself, so this first stage does;
+``dvc exp run -S`` writes ``params.yaml`` itself, so this stage then leaves it alone, and takes the plans from it.
 
 Examples:
 
     python -m stages.params
 """
 
-import hashlib
 import os
-import sys
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
 
-import yaml
-from hydra import compose, initialize_config_dir
-from hydra.errors import HydraException
 from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 
-from leapgap.errors import InputError
-from leapgap.runtime.atomic_io import write_text
-from stages.common import PARAMS, PLANS, config_error, refuse
-from stages.help import CONF, answered_at_once
-
-WIDTH = 120
-HEADER = """\
-# Composed from conf/ by the stage `params`. Not to be edited: change conf/ and run `dvc repro`.
-# Digest of what follows: {digest}
-"""
+from stages.common import PARAMS, PLANS, run_command
+from stages.compose import compose_conf, compose_params, plans_of, write_composed
 
 
-PLANNED = {
-    "collect": ("variants",),
-    "land": ("grids", "method_settings", "practice", "tasks"),
-    "optimize": ("targets",),
-    "withhold": ("chosen", "clocks", "further", "halves", "owners", "robots", "shares", "signed", "sizes", "too_high"),
-}
-"""Keys of sections that are plans."""
-BY_HAND = ("bench", "export", "robots")
-"""Sections of commands that no pipeline runs."""
-
-
-def compose_conf(overrides: Sequence[str] = ()) -> dict[str, Any]:
-    """Compose ``conf/``; what it refers to stays a reference."""
-    try:
-        with initialize_config_dir(version_base="1.3", config_dir=str(CONF)):
-            found = OmegaConf.to_container(compose("config", list(overrides)))
-    except (HydraException, OmegaConfBaseException) as error:
-        raise config_error(error) from None
-    assert isinstance(found, dict)
-    return {str(name): section for name, section in found.items()}
-
-
-def compose_params(overrides: Sequence[str] = ()) -> str:
-    """The parameters of all stages as one YAML text with a header."""
-    conf = compose_conf(overrides)
-    sections = {name: section for name, section in conf.items() if name not in BY_HAND}
-    sections["variants"] = OmegaConf.to_container(OmegaConf.create(conf), resolve=True)["variants"]
-    for name, keys in PLANNED.items():
-        sections[name] = {key: value for key, value in sections[name].items() if key not in keys}
-    return with_header(sections)
-
-
-def plans_of(conf: Mapping[Any, Any]) -> dict[str, str]:
-    """The plans of each section as YAML text with a header, by the section's name."""
-    return {name: with_header({key: conf[name][key] for key in keys}) for name, keys in PLANNED.items()}
-
-
-def with_header(content: Mapping[str, Any]) -> str:
-    """A YAML text, innermost lists and mappings on one line each."""
-    body = yaml.safe_dump(dict(content), sort_keys=False, default_flow_style=None, width=WIDTH, allow_unicode=True)
-    return HEADER.format(digest=digest(body)) + body
-
-
-def digest(body: str) -> str:
-    """Digest of the text below the header; it distinguishes an edited file from an outdated one."""
-    return hashlib.sha256(body.encode()).hexdigest()[:16]
-
-
-def is_as_written(text: str) -> bool:
-    """Whether the text of a params.yaml is unchanged since this stage wrote it."""
-    lines = text.splitlines(keepends=True)
-    head = HEADER.count("\n")
-    return "".join(lines[:head]) == HEADER.format(digest=digest("".join(lines[head:])))
-
-
-def differences(old: Any, new: Any, file: Path = PARAMS, key: str = "") -> list[str]:
-    """Keys that differ between a file and conf/, each with both values."""
-    if isinstance(old, dict) and isinstance(new, dict):
-        keys = [*old, *(name for name in new if name not in old)]
-        return [
-            line
-            for name in keys
-            for line in differences(old.get(name), new.get(name), file, f"{key}.{name}" if key else name)
-        ]
-    return [] if old == new else [f"{key}: {old} in {file}, {new} in conf/"]
-
-
-def changes(old: str, new: str, file: Path) -> str:
-    """Differences between two texts of a composed file as one line."""
-    try:
-        before, after = (OmegaConf.to_container(OmegaConf.create(text)) for text in (old, new))
-    except (yaml.YAMLError, OmegaConfBaseException):
-        return "no valid YAML"
-    return "; ".join(differences(before, after, file)) or "comments or order"
-
-
-def params() -> None:
+def params(arguments: list[str]) -> None:
     """Write ``params.yaml`` and the plans; keep what an experiment has, and refuse what was edited by hand."""
+    conf = compose_conf()
     if "DVC_EXP_NAME" in os.environ:
         print("params.yaml is the experiment's own: kept")
-        conf = OmegaConf.to_container(OmegaConf.merge(compose_conf(), OmegaConf.load(PARAMS)))
-        assert isinstance(conf, dict)
-        plans = plans_of(conf)
+        conf = OmegaConf.to_container(OmegaConf.merge(conf, OmegaConf.load(PARAMS)))
     else:
         write_composed(PARAMS, compose_params())
-        plans = plans_of(compose_conf())
-    for name, text in plans.items():
+    for name, text in plans_of(conf).items():
         write_composed(PLANS / f"{name}.yaml", text)
 
 
-def write_composed(path: Path, text: str) -> None:
-    """Write a composed file; ``InputError`` for one that was edited by hand."""
-    old = path.read_text(encoding="utf-8") if path.is_file() else text
-    if old != text and not is_as_written(old):
-        raise InputError(
-            path,
-            f"settings changed here ({changes(old, text, path)})",
-            "settings changed in conf/ only",
-            f"move them into conf/, then delete {path} and run again",
-        )
-    write_text(path, text)
-
-
 if __name__ == "__main__":
-    try:
-        answer = answered_at_once("params", sys.argv[1:])
-        if answer:
-            print(answer, end="")
-        else:
-            params()
-    except (InputError, OSError) as error:
-        refuse("params", error)
+    run_command("params", params)

@@ -9,13 +9,11 @@ Examples:
 """
 
 import subprocess
-import sys
 from pathlib import Path
 
 from leapgap.errors import InputError
 from leapgap.runtime.atomic_io import write_text
-from stages.common import refuse
-from stages.help import answered_at_once
+from stages.common import run_command
 from stages.programs import program
 
 TEMPLATE, OUT = Path(".dvc/tmp/plots.html"), Path("plots")
@@ -61,10 +59,4 @@ def plots(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    try:
-        if answer := answered_at_once("plots", sys.argv[1:]):
-            print(answer, end="")
-        else:
-            sys.exit(plots(sys.argv[1:]))
-    except (InputError, OSError) as error:
-        refuse("plots", error)
+    run_command("plots", plots)

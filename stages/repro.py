@@ -26,8 +26,7 @@ from omegaconf import OmegaConf
 
 from leapgap.errors import InputError
 from leapgap.runtime.atomic_io import read_json, write_json
-from stages.common import LONGEST_MESSAGE, read_params, refuse
-from stages.help import answered_at_once
+from stages.common import LONGEST_MESSAGE, read_params, run_command
 from stages.programs import program
 
 RECORDED = Path("metrics/timing/stages.json")
@@ -201,10 +200,4 @@ def repro(arguments: list[str], screen: TextIO = sys.stdout) -> int:
 
 
 if __name__ == "__main__":
-    if answer := answered_at_once("repro", sys.argv[1:]):
-        print(answer, end="")
-        sys.exit()
-    try:
-        sys.exit(repro(sys.argv[1:]))
-    except (InputError, OSError) as error:
-        refuse("repro", error)
+    run_command("repro", repro)

@@ -9,9 +9,6 @@ from leapgap.robot.model import Robot
 from leapgap.robot.topology import PartNames
 from stages.common import read_config
 
-MODEL = "robot.xml"
-"""File beside the logs of a withheld case with the model of its robot; without it, that of the pipeline."""
-
 
 @dataclass(frozen=True)
 class RobotSettings:
@@ -20,12 +17,6 @@ class RobotSettings:
     model: str
     fix_base: bool | None = None
     feet: list[str] = field(default_factory=list)
-
-
-def own_model(case: Path) -> Path | None:
-    """The model in a folder of a withheld case whose robot is not the pipeline's."""
-    path = case / MODEL
-    return path if path.is_file() else None
 
 
 def load_robot(config: DictConfig, model: str | Path | None = None) -> Robot:

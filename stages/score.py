@@ -5,42 +5,12 @@ Examples:
     python -m stages.score score.verdicts=verdicts score.out=page
 """
 
-import os
-from collections.abc import Mapping
-from dataclasses import asdict
-from pathlib import Path
-from typing import Any
-
 from omegaconf import DictConfig
 
-from leapgap.diagnosis.report import round_floats
-from leapgap.errors import InputError
-from leapgap.logs import log as jump_log
-from leapgap.reports.kept import KEPT
-from leapgap.reports.pages import write_kept_pages
-from leapgap.reports.validation import html
-from leapgap.robot.model import Robot
-from leapgap.runtime.atomic_io import read_json, write_json, write_text
-from leapgap.runtime.output_folder import whole_folder
-from leapgap.simulation.corrected import read_corrected
-from leapgap.validation import scoring
-from leapgap.validation.half_scores import (
-    PUBLISHED,
-    REPORTED,
-    TUNING,
-    ScoreSettings,
-    check_judged_logs,
-    metrics,
-    published_metrics,
-    read_revisits,
-    score_half,
-    verdict_text,
-)
-from leapgap.validation.outcome import CaseOutcome, outcome
-from leapgap.validation.realised_reduction import realised_closure
-from leapgap.validation.seal import SEALS, open_truth
+from leapgap.reports.scores import write_scores
+from leapgap.validation.half_scores import ScoreSettings, open_outcomes
 from stages.common import output_folder, read_config, run_stage
-from stages.robot import load_robot, own_model
+from stages.robot import load_robot
 
 STAGE = "stages.score"
 
@@ -51,82 +21,7 @@ def score(config: DictConfig) -> dict[str, float]:
     inputs = (settings.logs, settings.truth, settings.verdicts, settings.revisits, config.robot.model)
     out = output_folder(settings.out, STAGE, inputs)
     robot = load_robot(config)
-    cases = sorted(read_json(Path(settings.logs) / SEALS))
-    diagnosed = [name for name in cases if (Path(settings.verdicts) / name / "report.json").is_file()]
-    if not diagnosed:
-        raise InputError(settings.verdicts, "no report of a withheld case", "<case>/report.json", "diagnose them first")
-    for name in sorted(set(cases) - set(diagnosed)):
-        print(f"{name}: not diagnosed, not scored")
-    outcomes = [open_outcome(name, settings, robot) for name in diagnosed]
-    revisits = read_revisits(settings.revisits)
-    halves = {
-        half: score_half([o for o in outcomes if o.half == half], half, revisits, settings, robot.name)
-        for half in (REPORTED, TUNING)
-    }
-    published = [o for o in outcomes if o.half == PUBLISHED]
-    with whole_folder(out, STAGE) as folder:
-        data = {"halves": halves, "outcomes": [asdict(o) for o in outcomes], "revisits": revisits}
-        write_json(folder / "scores.json", round_floats(data))
-        write_kept_pages([o.case for o in outcomes], Path(settings.verdicts), folder)
-        write_text(folder / "index.html", page(outcomes, halves, revisits, settings, out))
-    if settings.metrics:
-        write_json(Path(settings.metrics), round_floats(metrics(halves)))
-    if settings.published_metrics and published:
-        write_json(Path(settings.published_metrics), round_floats(published_metrics(published[0])))
-    for o in outcomes:
-        print(f"{o.case}: {o.said_true} ({o.change_floors:.1f} noise floors) → {verdict_text(o)}")
-    print(f"page: {out / 'index.html'}")
-    scores = round_floats(metrics(halves))
-    return {name: value for name, value in scores.items() if isinstance(value, float)}
-
-
-def open_outcome(name: str, settings: ScoreSettings, robot: Robot) -> CaseOutcome:
-    """Outcome of one case: its seal is checked, and the realised closure measured on the jumps kept with the truth."""
-    truth = open_truth(Path(settings.truth), Path(settings.logs), name)
-    if own := own_model(Path(settings.logs) / name):
-        robot = Robot.load(own)
-    verdict = Path(settings.verdicts) / name
-    report = read_json(verdict / "report.json")
-    check_judged_logs(name, truth, report)
-    realised = None
-    if report["closure_of_answer"] and truth["proof"]:
-        _, correction = read_corrected(verdict / "corrected")
-        proof = jump_log.read_logs(Path(settings.truth) / name)
-        realised = realised_closure(proof, robot, correction, report, settings.seed)
-    return outcome(name, truth, report, realised, robot.topology.sides)
-
-
-def page(
-    outcomes: list[CaseOutcome],
-    halves: Mapping[str, Mapping[str, Any]],
-    revisits: Mapping[str, Mapping[str, Any]],
-    settings: ScoreSettings,
-    out: Path,
-) -> str:
-    """The page as HTML text, with links to the reports relative to ``out``."""
-    at = os.path.relpath(settings.verdicts, out)
-    rows = [
-        {
-            **asdict(o),
-            "right": o.right,
-            "wrongly_named": o.wrongly_named,
-            "where_right": o.where_right,
-            "where_mirrored": o.where_mirrored,
-            "counted_against": scoring.counted_against(o),
-            "said": verdict_text(o),
-            "report": f"{'' if (Path(settings.verdicts) / o.case / KEPT).is_file() else f'{at}/'}{o.case}/report.html",
-        }
-        for o in outcomes
-    ]
-    of_half = {half: [o for o in scoring.of_pipeline(outcomes) if o.half == half] for half in halves}
-    return html(
-        halves=halves,
-        rows=rows,
-        revisits=revisits,
-        confusion={half: scoring.confusion(these) for half, these in of_half.items()},
-        limits={half: scoring.detection_limits(these) for half, these in of_half.items()},
-        reliability={half: scoring.reliability(these, settings.bins) for half, these in of_half.items()},
-    )
+    return write_scores(open_outcomes(settings, robot), settings, robot, out, STAGE)
 
 
 if __name__ == "__main__":

@@ -37,7 +37,6 @@ HEAVY = {
     "omegaconf",
     "onnx",
     "onnxruntime",
-    "osqp",
     "rerun",
     "rosbags",
     "torch",

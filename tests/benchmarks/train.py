@@ -31,8 +31,8 @@ from leapgap.jumping.learning.splits import train_on_all
 from leapgap.jumping.learning.windows import Purpose, Windows
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.runtime.atomic_io import write_json
-from stages.params import compose_conf
-from stages.train import read_train_config
+from stages.compose import compose_conf
+from stages.sections.train import read_train_config
 from tests.benchmarks import run_benchmark
 
 PUBLISHED_S = 0.90

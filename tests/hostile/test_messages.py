@@ -14,8 +14,8 @@ from leapgap.errors import InputError
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.runtime.executor import Executor
 from leapgap.validation.half_scores import check_judged_logs
+from stages.compose import compose_conf
 from stages.help import describe
-from stages.params import compose_conf
 from tests.code import ROOT
 from tests.stages.test_by_hand import assert_refused, stage
 

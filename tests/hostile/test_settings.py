@@ -11,13 +11,13 @@ from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.export.jump import ExportSettings
 from leapgap.jumping.learning.recipe import Fitting
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.settings import from_json
 from leapgap.simulation.closed_loop import Sensing
 from stages.common import params_with_overrides, read_config
-from stages.export import ExportSettings
-from stages.params import compose_conf
+from stages.compose import compose_conf
 
 NAN = float("nan")
 

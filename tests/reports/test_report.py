@@ -20,7 +20,7 @@ from leapgap.reports.channels_data import channels_data
 from leapgap.reports.colours import CORRECTED
 from leapgap.reports.diagnosis import cause_in_words, largest_errors
 from leapgap.reports.diagnosis_figures import closures, profiles
-from leapgap.reports.tiles import tiles
+from leapgap.reports.report import tiles
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 

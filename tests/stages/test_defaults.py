@@ -20,7 +20,7 @@ from leapgap.jumping.learning.models.residual_networks import NetworksConfig
 from leapgap.jumping.learning.registry import settings_by_section
 from leapgap.logs.importers import formats
 from stages.common import CONF, read_config
-from stages.train import read_train_config
+from stages.sections.train import read_train_config
 from tests.code import ROOT
 
 DATA = {
@@ -30,7 +30,7 @@ DATA = {
 }
 """Entries of conf that are data: an instance of a dataclass, where others are instances too."""
 
-READERS = ("read_config", "read_optional")
+READERS = ("read_config", "read_each", "read_optional")
 """How a stage reads one dataclass. What ``read_one_of`` reads are instances: data."""
 
 
@@ -46,15 +46,16 @@ def conf(*overrides: str) -> Mapping[str, Any]:
 def read_by_stages() -> list[tuple[str, type]]:
     """Key and dataclass of every section that a stage reads; a part of a key that is known at run time is ``*``."""
     found: set[tuple[str, type]] = set()
-    for path in sorted((ROOT / "stages").glob("*.py")):
+    for path in sorted((ROOT / "stages").rglob("*.py")):
         if path.stem == "common":
             continue  # it defines the readers
-        module = importlib.import_module(f"stages.{path.stem}")
+        module = importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in READERS:
                 kind, _, key = node.args
-                if pattern(key) not in DATA and section(pattern(key).partition(".*")[0]) is not None:
-                    found |= {(name, own) for name in keys(pattern(key)) for own in kinds(kind, name, module)}
+                wanted = pattern(key) + (".*" if node.func.id == "read_each" else "")
+                if wanted not in DATA and section(wanted.partition(".*")[0]) is not None:
+                    found |= {(name, own) for name in keys(wanted) for own in kinds(kind, name, module)}
     return sorted(found, key=lambda one: one[0])
 
 
@@ -125,7 +126,7 @@ def test_defaults_are_what_conf_shows(key: str, kind: type) -> None:
 def test_every_section_with_a_dataclass_is_found() -> None:
     """The walk above sees what stages read: nested, computed and imported under another name alike."""
     found = {key for key, _ in read_by_stages()}
-    assert found >= {"collect", "train", "evaluate", "diagnose.settings", "withhold.halves.tuning", "optimize.limits"}
+    assert found >= {"collect", "train", "evaluate", "diagnose.settings", "withhold.halves.tuning", "optimize"}
     assert found >= {"land", "import_logs.csv", "import_logs.published", "collect.sensing", "executor", "view"}
     assert found >= {"train.kernel", "train.networks", "train.published_recipe"}
 

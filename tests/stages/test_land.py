@@ -16,8 +16,8 @@ from leapgap.robot.terrain import Box
 from leapgap.runtime.atomic_io import read_json
 from leapgap.runtime.cache import ResultCache
 from stages.common import read_config
-from stages.land import experiment_of
-from stages.params import compose_conf
+from stages.compose import compose_conf
+from stages.sections.land import experiment_of
 from tests.stages.test_by_hand import assert_refused, stage
 
 SMALL = (

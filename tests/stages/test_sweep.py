@@ -14,7 +14,7 @@ from omegaconf import OmegaConf
 
 from leapgap.jumping.learning import windows as windows_module
 from leapgap.runtime.atomic_io import read_json, write_json
-from stages.params import compose_conf
+from stages.compose import compose_conf
 from stages.sweep import HELD, Table
 from tests import plain_arm
 from tests.jumping.learning.conftest import jumps, windows  # noqa: F401 - fixtures

@@ -15,9 +15,16 @@ from leapgap.robot.model import Robot
 from leapgap.simulation.open_loop import lift_out_of_ground
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
-from leapgap.validation.case import CaseSetup, WithheldCase, effect_from_json, effect_to_json, withhold, write_case
+from leapgap.validation.case import (
+    CaseSetup,
+    WithheldCase,
+    effect_from_json,
+    effect_to_json,
+    proposed_logs,
+    withhold,
+    write_case,
+)
 from leapgap.validation.case_draw import Case, Half, draw_cases
-from leapgap.validation.experiments import proposed_logs
 from leapgap.validation.generator import Generator, Nuisance, NuisanceSizes
 from leapgap.validation.off_table import families
 from leapgap.validation.off_table.crosstalk import Crosstalk

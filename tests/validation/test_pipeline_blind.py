@@ -17,13 +17,14 @@ from leapgap.logs.log import Log
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.reports.kept import KEPT, keep, kept
 from leapgap.reports.pages import write_kept_pages
+from leapgap.reports.verdict_jobs import Job, run_jobs
 from leapgap.robot.model import Robot
 from leapgap.runtime.cache import ResultCache
 from leapgap.runtime.executor import Executor
 from leapgap.validation.case import CaseSetup, withhold, write_case
 from leapgap.validation.case_draw import Case
-from stages.diagnose_withheld import Job, diagnosis_settings, run_jobs
-from stages.params import compose_conf
+from stages.compose import compose_conf
+from stages.sections.diagnosis import diagnosis_settings
 from tests.code import ROOT, closure
 from tests.test_pipeline_files import stages
 
@@ -95,11 +96,11 @@ def test_a_verdict_is_kept_by_the_code_it_is_made_with_and_no_more() -> None:
     """Its page is part of it; recordings, pages of other results and the code that knows a sweep's jobs are not."""
     hashed = closure(diagnose_folder.__module__)
     views = {name for name in hashed if name.startswith("leapgap.reports.")}
-    figures = ("channel_names", "channels_data", "colours", "diagnosis_figures", "notebook", "similarity", "tiles")
+    figures = ("channel_names", "channels_data", "colours", "diagnosis_figures", "notebook", "similarity")
     assert views == {f"leapgap.reports.{name}" for name in ("diagnosis", "page", "report", "viewer", *figures)}
     assert hashed >= closure("leapgap.diagnosis.diagnose")
     used = {name for name in closure("stages.diagnose") if name.startswith("leapgap.")}
-    assert used - hashed <= closure("leapgap.reports.pages") | {"leapgap.runtime.import_closure"}
+    assert used - hashed <= closure("leapgap.reports.diagnosis_job") | {"leapgap.runtime.import_closure"}
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ from leapgap.diagnosis.report import Cause, ParameterEstimate
 from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
+from leapgap.reports.real_robots import corrected_by, judge
 from leapgap.runtime.cache import ResultCache
 from leapgap.validation.real_robots import (
     PublishedPush,
@@ -28,7 +29,6 @@ from leapgap.validation.real_robots import (
     published_pushes,
     read_case,
 )
-from stages.robots import corrected_by, judge
 from tests.code import ROOT
 
 NO_PD = ("cmd_pos/hinge", "cmd_vel/hinge", "cmd_kp/hinge", "cmd_kd/hinge")

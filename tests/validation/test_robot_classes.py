@@ -26,9 +26,9 @@ from leapgap.validation.generator import Generator, Nuisance
 from leapgap.validation.motions import known
 from leapgap.validation.own_numbers import OwnNumbers
 from leapgap.validation.physics import IMPLICIT
-from leapgap.validation.robot_class import ClassCases
+from leapgap.validation.withholding import ClassCases
 from stages.common import CONF, read_config
-from stages.withhold import WithholdSettings, read_class
+from stages.sections.withhold import WithholdSettings, read_class
 from tests.code import ROOT
 from tests.plain_simulation import published
 from tests.robot.quadrupeds import GO2, mjcf

@@ -9,7 +9,7 @@ from leapgap.robot.model import Robot
 from leapgap.validation.case import ChosenCase
 from leapgap.validation.case_draw import Half, draw_cases
 from stages.common import read_config
-from stages.params import compose_conf
+from stages.compose import compose_conf
 from tests.code import ROOT
 
 VERDICTS = {"named", "partly", "ambiguous", "unknown", "none"}

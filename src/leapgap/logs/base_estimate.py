@@ -13,9 +13,8 @@ from leapgap.errors import InputError
 from leapgap.logs.derivatives import velocity_fit
 from leapgap.logs.log import Log
 from leapgap.logs.stance import measured_stance, stance_by_height
-from leapgap.robot.ground_load import sinking_depths
 from leapgap.robot.kinematics import soles
-from leapgap.robot.leg_load import feet_load
+from leapgap.robot.leg_load import feet_load, sinking_depths
 from leapgap.robot.model import Robot
 from leapgap.robot.model_file import gravity_of
 from leapgap.robot.motion import Motion

@@ -6,7 +6,7 @@ same form (its planned motion in the measured columns), so the same code reads b
 
 import json
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -264,6 +264,12 @@ def write_log(log: Log, path: Path) -> None:
     table = table.replace_schema_metadata({METADATA_KEY: text, CHECKSUM_KEY: checksum})
     with whole_file(path) as beside:
         pq.write_table(table, beside, compression="zstd", write_page_checksum=True)
+
+
+def write_logs(logs: Iterable[Log], folder: Path) -> None:
+    """Write logs into a folder, each under its name."""
+    for log in logs:
+        write_log(log, folder / f"{log.name}.parquet")
 
 
 def header_checksum(text: bytes, columns: Sequence[str], rows: int) -> bytes:

@@ -67,11 +67,6 @@ class VelocityColumn:
     error_if_derived: float
     """Error of a velocity fitted through the positions, by what these resolve and by how they bend within the fit."""
 
-    @property
-    def is_worse(self) -> bool:
-        """Whether a velocity fitted through the positions is nearer to the truth."""
-        return self.error > max(self.error_if_derived, self.noise)
-
 
 def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[str, VelocityColumn]:
     """What each joint's velocity column is, by joint; those that lack one, or move too little to tell, are left out.

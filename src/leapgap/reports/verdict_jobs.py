@@ -2,19 +2,25 @@
 
 import shutil
 import tempfile
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from leapgap.diagnosis.settings import Settings as Diagnosing
 from leapgap.errors import InputError
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.reports.kept import keep
 from leapgap.robot.model import Robot
+from leapgap.robot.self_contained import own_model
 from leapgap.runtime.atomic_io import sha256
 from leapgap.runtime.cache import ResultCache, result_key
 from leapgap.runtime.content_hash import file_digests
 from leapgap.runtime.executor import Executor
+
+PUBLISHED = "published"
+"""Name of the case of published jumps; it may be known, since their columns differ anyway."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +46,57 @@ class Job:
     def key(self) -> str:
         """Hash of all inputs and of the code, but for recordings, of which a verdict has none."""
         return result_key(diagnose_folder, [file_digests(self.logs), sha256(self.robot), self.settings, self.pages])
+
+
+@dataclass(frozen=True)
+class DiagnoseWithheldSettings:
+    """Section ``diagnose_withheld`` of the configuration."""
+
+    logs: str
+    out: str | None
+    settings: dict[str, Any]
+    """Overrides of ``diagnose.settings``."""
+    only: list[str] = field(default_factory=list)
+    """Names of the cases; empty: all."""
+    published: bool = False
+    pages: bool = True
+
+
+def cases_of(settings: DiagnoseWithheldSettings) -> list[str]:
+    """Names of all withheld cases; ``InputError`` without any, and for an unknown name in ``only``."""
+    logs = Path(settings.logs)
+    if not logs.is_dir():
+        raise InputError(logs, "no such folder", "withheld logs, one folder a case", "run stages.withhold first")
+    folders = (path.name for path in sorted(logs.iterdir()) if path.is_dir())
+    cases = [name for name in folders if settings.published or name != PUBLISHED]
+    if unknown := set(settings.only) - set(cases):
+        raise InputError("diagnose_withheld.only", ", ".join(sorted(unknown)), "names of cases", "correct them")
+    return cases
+
+
+def run_cases(
+    cases: Sequence[str],
+    settings: DiagnoseWithheldSettings,
+    diagnosing: Diagnosing,
+    robot: Path,
+    cache: ResultCache,
+    executor: Executor,
+) -> None:
+    """Diagnose the chosen cases without a verdict in the cache; verdicts of other folders than ``cases`` are removed.
+
+    ``robot``: the model of cases that have none of their own.
+    """
+    logs = Path(settings.logs)
+    jobs = [
+        Job(name, logs / name, own_model(logs / name) or robot, diagnosing, pages=settings.pages)
+        for name in settings.only or cases
+    ]
+    for name in cases:
+        cache.expect(name)
+    for job in jobs:
+        cache.expect(job.place, job.key)
+    cache.sweep()
+    run_jobs(jobs, cache, executor)
 
 
 def run_jobs(jobs: list[Job], cache: ResultCache, executor: Executor) -> None:

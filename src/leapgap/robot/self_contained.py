@@ -1,8 +1,19 @@
 """A robot's model as one text that needs no other file: without included files and meshes."""
 
+from pathlib import Path
+
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
 from leapgap.robot.model_file import compile_spec, discard_visual
+
+OWN_MODEL = "robot.xml"
+"""File beside the logs of a withheld case with the model of its robot; without it, that of the pipeline."""
+
+
+def own_model(logs: Path) -> Path | None:
+    """The model of their own that lies in a folder of logs."""
+    path = logs / OWN_MODEL
+    return path if path.is_file() else None
 
 
 def self_contained(robot: Robot) -> str:

@@ -9,6 +9,7 @@ import socket
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from leapgap.errors import InputError
 
@@ -17,6 +18,8 @@ PARTIAL = re.compile(r"\.(?P<name>.+)\.(?P<host>[A-Za-z0-9]{1,20})-(?P<pid>\d+)-
 """Names of temporary files and folders."""
 LARGEST_JSON = 256 << 20
 """Bytes of a JSON file that is read."""
+METRIC_DIGITS = 4
+"""Significant digits of figures that are committed."""
 LONGEST_NAME = 150
 """Characters of a name that its temporary name repeats, so that it stays a valid one."""
 TEMPORARY: set[Path] = set()
@@ -82,6 +85,20 @@ def write_text(path: Path, text: str) -> None:
 def write_json(path: Path, value: object) -> None:
     """Write JSON with a final newline; keys keep their order, NaN and infinity raise ``ValueError``."""
     write_text(path, json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def write_metrics(path: Path, figures: Mapping) -> None:
+    """Write committed figures, floats at ``METRIC_DIGITS``: further digits differ from one processor to the next."""
+    write_json(path, rounded(figures))
+
+
+def rounded(value: Any) -> Any:
+    """The same structure with floats at ``METRIC_DIGITS`` significant digits."""
+    if isinstance(value, Mapping):
+        return {key: rounded(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [rounded(one) for one in value]
+    return float(f"{value:.{METRIC_DIGITS}g}") if isinstance(value, float) else value
 
 
 def read_json(path: Path | str) -> Mapping:

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 
 from leapgap import effects
-from leapgap.diagnosis.channels import channel_errors
+from leapgap.diagnosis.channels import channel_errors, sensor_noise
+from leapgap.diagnosis.experiments import plans_of
+from leapgap.diagnosis.experiments.given import Given
 from leapgap.diagnosis.gap import headline_gap
 from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.localisation import least_noise, phase_names, pieces_of
 from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.effects.base import Effect
 from leapgap.logs import log as jump_log
@@ -37,7 +40,6 @@ from leapgap.validation.generator import (
 from leapgap.validation.off_table import family
 from leapgap.validation.outcome import CLOCK, DETECTABLE_FLOORS
 from leapgap.validation.physics import USUAL, Physics, physics_of
-from leapgap.validation.true_localisation import true_localisation
 from leapgap.validation.uneven_rows import UnevenRows, clock_family, draw_timings
 
 CLOCK_SEED = 2
@@ -305,3 +307,43 @@ def further_logs(
     rows = [planned_rows(plan, setup.course) for plan in plans]
     timings = draw_timings(family_of_rows, rows, robot, np.random.default_rng([seed, 1, CLOCK_SEED]))
     return [jump.log for jump in generate_jumps(plans, own, generator, setup.noise, setup.course, rng, timings)]
+
+
+def proposed_logs(
+    truth: Mapping[str, Any], proposal: Mapping[str, Any], logs: Sequence[Log], robot: Robot, setup: CaseSetup
+) -> list[Log]:
+    """Logs of the experiment that a report on some logs proposes, by the robot of a withheld case."""
+    given = Given(JudgedLogs.of(logs, robot).logs, robot)
+    plans = [MotionPlan(plan.name, plan) for plan in plans_of(proposal, given)]
+    return further_logs(truth, plans, robot, setup, np.random.default_rng([truth["seed"], 1]))
+
+
+def true_localisation(
+    logs: Sequence[Log], off: Sequence[Rollout], judged: JudgedLogs, generator: Generator, horizon_s: float
+) -> list[dict[str, Any]]:
+    """Phases and channels with their share of the squared difference, largest first, without shares below 0.001.
+
+    ``off`` are rollouts of the noise-free jumps without the effect. They restart every ``horizon_s`` from the
+    noise-free state, as the diagnosis restarts from the log. Only the second half of each piece counts, in units of
+    each channel's noise.
+    """
+    robot, channels, names = generator.robot, judged.mapped, phase_names(logs)
+    square = np.zeros((len(names), len(channels)))
+    for log, trial, rows in zip(logs, off, judged.rows, strict=True):
+        measured = motion_of(log.first_rows(rows), robot)
+        noise = sensor_noise(measured, log.info.sample_period_s, channels, robot)
+        scale = np.maximum(noise, [least_noise(c) for c in channels])
+        pieces = pieces_of(trial.log.first_rows(rows), names, horizon_s)
+        motions = generator.motions([replace(trial, log=piece) for piece, *_ in pieces])
+        for (piece, phases, _), motion in zip(pieces, motions, strict=True):
+            half = len(piece) // 2
+            error = channel_errors(motion, motion_of(piece, robot), channels, robot)
+            for phase in np.unique(phases[half:]):
+                square[phase] += ((error[half:][phases[half:] == phase] / scale) ** 2).sum(axis=0)
+    share = square / max(square.sum(), 1e-300)
+    fields: list[dict[str, Any]] = [
+        {"phase": names[p], "channel": c.name, "share": round(float(share[p, k]), 5)}
+        for p in range(len(names))
+        for k, c in enumerate(channels)
+    ]
+    return sorted((f for f in fields if f["share"] >= 0.001), key=lambda f: -f["share"])

@@ -1,4 +1,4 @@
-"""The scores of each half of a blind check, as metrics."""
+"""Truths of a blind check opened, and the scores of each half, as metrics."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,9 +8,15 @@ from typing import Any
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.logs.log import read_logs
+from leapgap.robot.model import Robot
+from leapgap.robot.self_contained import own_model
 from leapgap.runtime.atomic_io import read_json
+from leapgap.simulation.corrected import read_corrected
 from leapgap.validation import scoring
-from leapgap.validation.outcome import CaseOutcome
+from leapgap.validation.outcome import CaseOutcome, outcome
+from leapgap.validation.realised_reduction import realised_closure
+from leapgap.validation.seal import SEALS, open_truth
 
 REPORTED, TUNING, PUBLISHED = "reported", "tuning", "published"
 
@@ -43,6 +49,33 @@ def read_revisits(folder: str | None) -> dict[str, Mapping[str, Any]]:
     """Results of stage ``revisit`` by kind: ablated effects, next experiments, missed cases; empty without a folder."""
     kinds = ("struck", "experiments", "missed")
     return {kind: {} if folder is None else read_json(Path(folder) / f"{kind}.json") for kind in kinds}
+
+
+def open_outcomes(settings: ScoreSettings, robot: Robot) -> list[CaseOutcome]:
+    """Outcomes of all cases that have a verdict; the others are said, and none with one is an ``InputError``."""
+    cases = sorted(read_json(Path(settings.logs) / SEALS))
+    diagnosed = [name for name in cases if (Path(settings.verdicts) / name / "report.json").is_file()]
+    if not diagnosed:
+        raise InputError(settings.verdicts, "no report of a withheld case", "<case>/report.json", "diagnose them first")
+    for name in sorted(set(cases) - set(diagnosed)):
+        print(f"{name}: not diagnosed, not scored")
+    return [open_outcome(name, settings, robot) for name in diagnosed]
+
+
+def open_outcome(name: str, settings: ScoreSettings, robot: Robot) -> CaseOutcome:
+    """Outcome of one case: its seal is checked, and the realised closure measured on the jumps kept with the truth."""
+    truth = open_truth(Path(settings.truth), Path(settings.logs), name)
+    if own := own_model(Path(settings.logs) / name):
+        robot = Robot.load(own)
+    verdict = Path(settings.verdicts) / name
+    report = read_json(verdict / "report.json")
+    check_judged_logs(name, truth, report)
+    realised = None
+    if report["closure_of_answer"] and truth["proof"]:
+        _, correction = read_corrected(verdict / "corrected")
+        proof = read_logs(Path(settings.truth) / name)
+        realised = realised_closure(proof, robot, correction, report, settings.seed)
+    return outcome(name, truth, report, realised, robot.topology.sides)
 
 
 def score_half(

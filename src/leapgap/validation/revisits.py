@@ -7,10 +7,11 @@ from typing import Any
 
 from leapgap.diagnosis.settings import Settings as Diagnosing
 from leapgap.runtime.atomic_io import read_json
-from leapgap.validation.experiments import UNMADE
 from leapgap.validation.outcome import CLAIMS, CaseOutcome, outcome
 from leapgap.validation.scoring import is_missed
 
+UNMADE = ("sensor", "jumps")
+"""Kinds of experiments that cannot be made: the generator has no sensors beside the state, and plans no jumps."""
 RUNNABLE = ("target", "targets", "jumps", "block_height_m")
 """Settings of ``collect`` that the generator can follow for the robot of a case."""
 

@@ -11,6 +11,8 @@ from leapgap.runtime.atomic_io import read_json
 
 SEALS = "seals.json"
 """File beside the logs: case → seal of its truth."""
+PUBLISHED = "published"
+"""Name of the case of published jumps; it may be known, since their columns differ anyway."""
 
 
 def seal(truth: Mapping[str, Any]) -> str:

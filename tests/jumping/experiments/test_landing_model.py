@@ -36,13 +36,6 @@ def test_the_chosen_goal_lands_on_the_target(target: Target, stance: float) -> N
     assert abs(missed[2]) < 0.06
 
 
-def test_held_out_errors_are_those_of_jumps_that_were_not_seen() -> None:
-    exact, noisy = (LandingModel(practice(40, noise), AimConfig()).heldout_errors() for noise in (0.0, 0.02))
-    assert exact.shape == (40, 3)
-    assert np.sqrt(np.mean(exact**2)) < 0.01
-    assert 0.015 < np.sqrt(np.mean(noisy**2)) < 0.04  # never below the noise, which cannot be foreseen
-
-
 def test_jumps_that_slipped_do_not_move_the_aim_of_those_that_hold() -> None:
     held = practice(30, 0.002)
     rng = np.random.default_rng(1)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from leapgap.jumping.experiments.pd_force import with_pd_force
+from leapgap.jumping.experiments.trial import with_pd_force
 from leapgap.robot.model import Robot
 from tests.conftest import CROUCH, standing
 

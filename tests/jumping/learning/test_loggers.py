@@ -1,5 +1,6 @@
 """Loggers of trainings: what they were given can be read back, and no result depends on them."""
 
+import csv
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +14,10 @@ from leapgap.jumping.learning.models.residual_networks import NetworksConfig
 from leapgap.jumping.learning.recipe import Fitting
 from leapgap.jumping.learning.windows import Windows
 from leapgap.runtime.atomic_io import read_json
-from stages.params import compose_conf
+from stages.compose import compose_conf
 from tests.jumping.learning.test_training import INPUTS, config
 
-PACKAGES = {"tensorboard": "tensorboard", "mlflow": "sqlalchemy", "wandb": "wandb"}
+PACKAGES = {"dvclive": "dvclive", "tensorboard": "tensorboard", "mlflow": "sqlalchemy", "wandb": "wandb"}
 NETWORKS = NetworksConfig(inputs=INPUTS, hidden=[8], seeds=2, fitting=Fitting(steps=6))
 FIT = {"models": ["nominal_fitted", "networks"], "folds": 2, "steps_an_epoch": 2}
 SPLITS = ("fold_0", "fold_1", "all")
@@ -79,6 +80,18 @@ def test_tensorboard_reads_the_curve_of_every_training(
             assert seen == [(step, pytest.approx(value, rel=1e-6)) for step, value in known]
 
 
+def test_dvclive_keeps_a_table_of_every_training(
+    windows: Windows, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("dvclive")
+    folder = train(windows, "dvclive", tmp_path, monkeypatch)
+    assert len(curves(folder)) == 3
+    for run, rows in curves(folder).items():
+        with (folder / "lightning_logs/models" / run / "plots/metrics/train/loss.tsv").open() as file:
+            found = [(int(row["step"]), float(row["loss"])) for row in csv.DictReader(file, delimiter="\t")]
+        assert found == [(step, pytest.approx(loss, rel=1e-6)) for step, loss, _ in rows]
+
+
 def test_mlflow_reads_the_curve_of_every_training(
     windows: Windows, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -134,7 +147,7 @@ def test_a_missing_package_is_named_with_its_extra_before_any_work(
 
 
 def test_an_unknown_logger_is_refused_with_those_that_are_known() -> None:
-    with pytest.raises(ValueError, match="logger abacus: one of csv, tensorboard, mlflow, wandb"):
+    with pytest.raises(ValueError, match="logger abacus: one of csv, tensorboard, dvclive, mlflow, wandb"):
         LoggerConfig("abacus")
 
 

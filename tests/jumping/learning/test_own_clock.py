@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.learning import clock_comparison, window_extraction, windows
-from leapgap.jumping.learning.clock_comparison import CLAIMED, EXPECTED, OWN
+from leapgap.jumping.learning import evaluation, window_extraction, windows
 from leapgap.jumping.learning.evaluation import HeldOutPredictions
 from leapgap.jumping.learning.model import Model, Nominal
 from leapgap.jumping.learning.models.nominal import NominalModel
@@ -18,8 +17,9 @@ from leapgap.logs.row_clock_estimate import uneven_clocks
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import read_json
 from stages.chunk import chunk
-from stages.evaluate import evaluate
 from stages.train import train
+from tests.benchmarks import clock_comparison
+from tests.benchmarks.clock_comparison import CLAIMED, EXPECTED, OWN
 from tests.conftest import A1_BODY
 from tests.jumping.learning.plain_mass import FORWARD_M_S, SCHEDULED_ROWS, STEP_S, PlainJump, plain_jump
 from tests.jumping.learning.test_stages import config, write_logs
@@ -158,7 +158,7 @@ def test_a_step_without_any_time_is_refused(jumps, robot):
 
 
 def test_windows_of_other_rows_are_not_compared(claimed, own):
-    with pytest.raises(InputError, match=r"evaluate\.own_clock_windows: found 81 windows of 3 jumps"):
+    with pytest.raises(InputError, match=r"windows by the own clock: found 81 windows of 3 jumps"):
         clock_comparison.compare(held_out(claimed), held_out(own.of_jumps(own.jumps[1:])))
 
 
@@ -171,23 +171,21 @@ def test_stages_train_and_judge_by_both_clocks(jumps: list[PlainJump], tmp_path:
         chunk(whole)
         train(whole)
     assert "4 of 4 logs cut by their own clock" in capsys.readouterr().out
-    both = {"evaluate.own_clock_windows": tmp_path / "own", "evaluate.own_clock_models": tmp_path / "own_models"}
-    evaluate(config(tmp_path, **both))
-    found = read_json(tmp_path / "metrics.json")
+    by_both = [
+        evaluation.predict_held_out(windows.read(tmp_path / cut), tmp_path / models, "fold")
+        for cut, models in (("windows", "models"), ("own", "own_models"))
+    ]
+    found = clock_comparison.figures(clock_comparison.compare(*by_both))
     assert found["ten_step_mse"]["own"]["nominal_fitted"] < 0.05 * found["ten_step_mse"]["claimed"]["nominal_fitted"]
     assert found["one_step_rms"]["own"]["contact"]["kernel"]["x"] < 1.5e-3 < 6e-3
     assert found["one_step_rms"]["claimed"]["contact"]["nominal_fitted"]["x"] > 6e-3
     assert set(found["coverage"]) == {"claimed", "own"} and "95" in found["coverage"]["own"]["kernel"]
-    assert {path.name for path in (tmp_path / "predictions").iterdir()} == {".leapgap.json", "error_by_step.csv"}
 
 
 def test_settings_that_contradict_are_named(jumps, tmp_path):
     write_logs([jumps[0].log], tmp_path / "logs")
     with pytest.raises(InputError, match=r"chunk\.clock: found mine; expected claimed or own"):
         chunk(config(tmp_path, **{"chunk.clock": "mine"}))
-    chunk(config(tmp_path))
-    with pytest.raises(InputError, match=r"evaluate\.own_clock_models: found null"):
-        evaluate(config(tmp_path, **{"evaluate.own_clock_windows": tmp_path / "windows"}))
 
 
 def test_the_mass_moves_as_physics_says(jumps):
@@ -197,23 +195,3 @@ def test_the_mass_moves_as_physics_says(jumps):
     flight = one.instants[1200] - one.instants[800]
     assert one.state[1200, 3] - one.state[800, 3] == pytest.approx(-9.81 * flight, rel=1e-6)
     assert one.instants[-1] > 1.25  # the log claims 1.2 s
-
-
-@pytest.mark.parametrize(("number", "windows_each"), [(0, 0), (1, 27)])
-def test_too_few_jumps_are_not_compared(number, windows_each, jumps, tmp_path):
-    write_logs([one.log for one in jumps[:number]], tmp_path / "logs")
-    whole = config(
-        tmp_path,
-        **{
-            "chunk.clock": "own",
-            "train.models": ["nominal"],
-            "train.processes": 1,
-            "evaluate.own_clock_windows": tmp_path / "windows",
-            "evaluate.own_clock_models": tmp_path / "models",
-        },
-    )
-    for stage in (chunk, train, evaluate):
-        stage(whole)
-    kept = {"windows": windows_each} if number else {}
-    assert read_json(tmp_path / "metrics.json") == {"jumps": number, **kept}
-    assert (tmp_path / "predictions" / "note.json").is_file()

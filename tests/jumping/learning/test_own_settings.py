@@ -19,8 +19,8 @@ from leapgap.jumping.learning.splits import train_on_all
 from leapgap.jumping.learning.windows import Windows
 from leapgap.runtime.atomic_io import read_json
 from stages.common import with_leave_to_add
-from stages.params import compose_conf
-from stages.train import read_train_config
+from stages.compose import compose_conf
+from stages.sections.train import read_train_config
 from tests.code import ROOT
 from tests.jumping.learning.test_training import config
 

@@ -15,8 +15,8 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import DEFAULT_MODEL
 from leapgap.runtime.atomic_io import read_json
 from stages.chunk import chunk
+from stages.compose import compose_conf
 from stages.evaluate import evaluate
-from stages.params import compose_conf
 from stages.train import train
 from tests.code import ROOT
 

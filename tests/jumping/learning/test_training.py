@@ -33,7 +33,7 @@ from leapgap.jumping.learning.registry import recipes
 from leapgap.jumping.learning.splits import folds
 from leapgap.jumping.learning.windows import ARRAYS, TimeGrid, Windows
 from leapgap.runtime.atomic_io import read_json
-from stages.params import compose_conf
+from stages.compose import compose_conf
 from tests.conftest import A1_BODY
 
 INPUTS = {"z": 1.0, "pitch": 1.0, "vx": 1.0, "vz": 1.0, "pitch_rate": 1.0, "front_foot_x": 1.0, "phase": 1.0}

@@ -14,7 +14,7 @@ from leapgap.jumping.learning.models.nominal import fit_gains
 from leapgap.jumping.learning.splits import folds
 from leapgap.jumping.learning.windows import Windows
 from leapgap.jumping.models.affine_model import FEATURES
-from stages.params import compose_conf
+from stages.compose import compose_conf
 from tests.conftest import A1_BODY
 
 NAMES = [name for name in FEATURES if name not in ("x_from_start", "z_from_start")]

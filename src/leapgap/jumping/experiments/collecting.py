@@ -1,27 +1,74 @@
 """What stage collect simulates: hardware, targets and controller of each jump."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.jumping.control.excitation import Excitation
+from leapgap.jumping.control.excitation import Excitation, ExcitedController
 from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.experiments.collection import CollectionResult
-from leapgap.jumping.experiments.method import Method, References
+from leapgap.jumping.control.tracking import JumpController
+from leapgap.jumping.experiments.landing import Landing
+from leapgap.jumping.experiments.method import Method, References, crouch
 from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
 from leapgap.jumping.experiments.methods.mpc import MpcMethod
+from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.experiments.trial import TrialSetup, attempt_task
+from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody
-from leapgap.jumping.models.rigid_body_model import RigidBodyModel
+from leapgap.jumping.models.rigid_body_model import RigidBodyModel, planner_body
 from leapgap.jumping.planning.batch import read_targets
+from leapgap.jumping.planning.reference_store import reference_to
 from leapgap.jumping.task import Target, target_of
+from leapgap.logs.log import Log, write_log
 from leapgap.robot.model import Robot
+from leapgap.runtime.executor import Executor
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.open_loop import Course
 from leapgap.simulation.presets import Variant
+
+
+@dataclass(frozen=True)
+class CollectionResult:
+    """The log of one jump, where it landed, and how often its controller fell back, by reason."""
+
+    log: Log
+    landing: Landing
+    block_m: float
+    fallbacks: dict[str, int]
+
+
+@dataclass(frozen=True)
+class CollectionSpec:
+    """One jump to make. It is plain data, so that it can be sent to worker processes."""
+
+    name: str
+    task: JumpTask
+    method: Method
+    effects: tuple[Effect, ...]
+    world: TrialSetup
+    seed: int
+    excitation: Excitation = field(default_factory=Excitation)
+
+    def run(self) -> CollectionResult:
+        """Simulate the jump in closed loop; the same seed gives the same result."""
+        rng = np.random.default_rng(self.seed)
+
+        def controllers(task: JumpTask) -> list[JumpController]:
+            plain = list(self.method(task))
+            if self.excitation.force_n == 0:
+                return plain
+            return [ExcitedController(one, self.excitation, rng) for one in plain]
+
+        level = self.method.references[self.task.target]
+        outcome = attempt_task(self.task, controllers, level, self.effects, self.world, rng)
+        log = Log(self.name, outcome.run.log.columns, outcome.run.log.info)
+        return CollectionResult(log, outcome.landings[0], self.task.block_m[0], dict(outcome.fallbacks))
 
 
 @dataclass(frozen=True)
@@ -70,6 +117,33 @@ def targets_of(settings: CollectSettings, rng: np.random.Generator) -> list[Targ
     return [targets[i % len(targets)] for i in range(settings.jumps)]
 
 
+def plan_jumps(
+    settings: CollectSettings,
+    robot: Robot,
+    corrections: Sequence[Effect],
+    body: RigidBody | None,
+    rounded: RigidBody | None,
+) -> list[CollectionSpec]:
+    """The jumps to make, on a robot with ``corrections`` that its controller knows and effects that it does not.
+
+    ``body``: what controllers assume; None: the robot's own with mass and inertia of ``rounded``, where there is one.
+    """
+    effects = (*corrections, *hidden_effects(settings.variants, settings.hardware, settings.hardware_seed))
+    rng = np.random.default_rng(settings.seed)
+    targets = targets_of(settings, rng)
+    references = {target: reference_to(target, Path(settings.references), planar_robot(robot)) for target in targets}
+    body = body or planner_body(robot, crouch(references, robot), rounded)
+    method = method_of(settings, robot, references, body)
+    world = TrialSetup(robot, settings.sensing, course=settings.course, body=body)
+    planned = []
+    for i, target in enumerate(targets):
+        block = round(float(rng.uniform(*settings.block_height_m)), 4)
+        task = JumpTask("collect", target.x_m, target.z_m, block_m=(block, block))
+        name, seed = f"{settings.hardware}_{i:02d}", int(rng.integers(2**31))
+        planned.append(CollectionSpec(name, task, method, effects, world, seed, settings.excitation))
+    return planned
+
+
 def method_of(settings: CollectSettings, robot: Robot, references: References, body: RigidBody) -> Method:
     """The landing method that ``collect.controller`` names."""
     if settings.controller == "joint_pd":
@@ -77,6 +151,13 @@ def method_of(settings: CollectSettings, robot: Robot, references: References, b
     if settings.controller == "nominal_mpc":
         return MpcMethod(robot, references, settings.gains, RigidBodyModel(body), settings.mpc)
     raise InputError("collect.controller", settings.controller, "joint_pd or nominal_mpc", "choose one")
+
+
+def collect_jumps(planned: Sequence[CollectionSpec], executor: Executor, folder: Path) -> None:
+    """Make the jumps, write their logs into a folder, and print where each landed."""
+    for result in executor.map(CollectionSpec.run, planned):
+        write_log(result.log, folder / f"{result.log.name}.parquet")
+        print(describe_result(result), flush=True)
 
 
 def describe_result(result: CollectionResult) -> str:

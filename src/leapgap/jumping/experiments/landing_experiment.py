@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +12,23 @@ from leapgap.jumping.experiments.bench import Bench, TrialRunner
 from leapgap.jumping.experiments.method import Method, References, crouch
 from leapgap.jumping.experiments.method_registry import available
 from leapgap.jumping.experiments.methods.base import MethodSettings
+from leapgap.jumping.experiments.methods.practised_mpc import PractisedMpcSettings
+from leapgap.jumping.experiments.on_policy import Practised
 from leapgap.jumping.experiments.rig import LandSettings, Rig
-from leapgap.jumping.experiments.scores import ScoredRun
+from leapgap.jumping.experiments.scores import ScoredRun, landing_figures, round_value, write_rows
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial import TrialSetup
 from leapgap.jumping.experiments.trial_spec import TrialResult, TrialSpec
+from leapgap.jumping.learning.npz_files import write_npz
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.models.rigid_body_model import planner_body
 from leapgap.jumping.planning.reference_store import reference_to
 from leapgap.jumping.task import Target
 from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import whole_file, write_json, write_metrics
+from leapgap.runtime.cache import ResultCache
+from leapgap.runtime.executor import Executor
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.presets import Variant
 
@@ -169,6 +175,72 @@ def scored_run(hardware: Hardware, method: str, trial: TrialSpec, result: TrialR
 def trial_number(trial: TrialSpec) -> int:
     """Number of a trial among the runs of its task, from 0."""
     return int(trial.place.rpartition("_")[2])
+
+
+def remove_figures(out: Path) -> None:
+    """Remove the results of an earlier call, so that none are left if this one fails."""
+    for name in (FIGURES, TABLE, PAGE):
+        (out / name).unlink(missing_ok=True)
+
+
+def run_landings(experiment: LandingExperiment, executor: Executor, out: Path) -> list[ScoredRun]:
+    """Run an experiment with its results kept in a folder, and in that of its practice."""
+    cache, earlier = ResultCache(out / RUNS), ResultCache(Path(experiment.settings.practised or out) / RUNS)
+    with executor.pool() as pool:
+        runner = TrialRunner(cache, pool.map, print_trial, pool.map_last, side_by_side=True, earlier=earlier)
+        scored = experiment.run(runner)
+    cache.sweep()
+    return scored
+
+
+def write_landings(scored: Sequence[ScoredRun], settings: LandSettings, out: Path) -> dict[str, float]:
+    """Write figures and table; the mean errors by hardware and method, cm, which are printed too."""
+    figures = landing_figures(scored, settings.single, settings.seed)
+    write_rows([row for one in scored for row in one.rows()], out / TABLE)
+    write_json(out / FIGURES, figures)
+    if settings.metrics is not None:
+        write_metrics(Path(settings.metrics), figures)
+    for key, value in figures["mean_abs_error_cm"].items():
+        print(f"{key}: {value:.2f} cm over {', '.join(settings.single)}")
+    return {f"mean_abs_error_cm/{name}": value for name, value in figures["mean_abs_error_cm"].items()}
+
+
+@dataclass(frozen=True)
+class PractiseSettings:
+    """Section ``practise`` of the configuration; what is practised stands in ``land``."""
+
+    out: str | None
+
+
+def run_practice(experiment: LandingExperiment, executor: Executor, out: Path) -> dict[str, dict[str, Any]]:
+    """Make the rounds of every method that practises, on all hardware, and write its model; figures by hardware/method.
+
+    Rounds that are there are kept.
+    """
+    cache, figures = ResultCache(out / RUNS), dict[str, dict[str, Any]]()
+    with executor.pool() as pool:
+        runner = TrialRunner(cache, pool.map, print_trial)
+        for hardware in experiment.hardware:
+            rig = experiment.rig(hardware, runner)
+            for name in experiment.names_on(hardware):
+                method = rig.known[name]
+                if not isinstance(method, PractisedMpcSettings) or not method.practises:
+                    continue
+                found, path = method.practise(name, rig), out / f"{hardware.place}/{name}.npz"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                with whole_file(path) as beside:
+                    write_npz(beside, found.model.arrays())
+                for figure, values in practice_figures(found).items():
+                    figures.setdefault(figure, {})[f"{hardware.place}/{name}"] = values
+    cache.sweep()
+    return figures
+
+
+def practice_figures(found: Practised) -> dict[str, Any]:
+    """Figures by round, and what was kept."""
+    rounds = [asdict(one) for one in found.rounds]
+    by_round = {name: [round_value(one[name]) for one in rounds] for name in rounds[0] if name != "jumps"}
+    return by_round | {"jumps": sum(one["jumps"] for one in rounds), "rounds_kept": found.kept}
 
 
 def print_trial(trial: TrialSpec, result: TrialResult) -> None:

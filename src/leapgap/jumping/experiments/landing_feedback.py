@@ -11,16 +11,38 @@ from simulated jumps of the identified robot, each with and without a kick or a 
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 
 from leapgap.jumping.control.shifted_plan import DEVIATIONS
 from leapgap.jumping.control.sudden_change import CalmMotion
-from leapgap.jumping.experiments.array_record import ArrayRecord
 from leapgap.jumping.experiments.landing_model import LandingModel
+
+
+@dataclass(frozen=True)
+class ArrayRecord:
+    """Base of a dataclass whose fields are arrays of numbers alone."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The arrays as lists; what is not finite becomes null."""
+        return {one.name: null_where_not_finite(getattr(self, one.name)) for one in fields(self)}
+
+    @classmethod
+    def from_json(cls, raw: Mapping[str, Any]) -> Self:
+        """The inverse of ``to_json``: numbers in JSON keep all their digits, and null becomes NaN."""
+        return cls(**{name: np.array(values, dtype=float) for name, values in raw.items()})
+
+
+def null_where_not_finite(values: np.ndarray) -> Any:
+    """Nested lists of the values, with None for those that are not finite."""
+    found = values.astype(object)
+    found[~np.isfinite(values)] = None
+    return found.tolist()
+
 
 SCALE = np.array([0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4])
 """Typical deviation of x, z and pitch, of their rates, and of the feet relative to the base; m, m, rad, per s, m."""

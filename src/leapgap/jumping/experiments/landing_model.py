@@ -128,16 +128,6 @@ class LandingModel:
         k = self._kernel(np.append(goal, stance_pitch)[None], self.samples.inputs)[0]
         return self.scatter * np.sqrt(max(1 - k @ self.inverse @ k, 0.0))
 
-    def heldout_errors(self) -> np.ndarray:
-        """Leave-one-out errors: each landing minus its prediction from all other jumps, (n, 3)."""
-        errors, samples = [], self.samples
-        for i in range(len(samples)):
-            others = np.arange(len(samples)) != i
-            rest = LandingSamples(samples.goal[others], samples.stance_pitch[others], samples.landing[others])
-            predicted = LandingModel(rest, self.config, self.base).landing(samples.goal[i], samples.stance_pitch[i])
-            errors.append(samples.landing[i] - predicted)
-        return np.array(errors).reshape(-1, 3)
-
     def _scaled(self, inputs: np.ndarray) -> np.ndarray:
         return (inputs - self.centre) / np.array(self.config.scale)
 

@@ -1,4 +1,4 @@
-"""Loggers of trainings: the losses along a training in the files of TensorBoard, MLflow or Weights & Biases.
+"""Loggers of trainings: losses along a training in the files of TensorBoard, DVCLive, MLflow or Weights & Biases.
 
 A logger is given the rows of the learning curve and the settings of the fit. Nothing of a training depends on it. All
 of them write files and need no network.
@@ -39,6 +39,14 @@ def tensorboard(folder: Path, models: Path, run: str) -> Any:
     return TensorBoardLogger(folder, f"{models}/{run}", default_hp_metric=False)
 
 
+def dvclive(folder: Path, models: Path, run: str) -> Any:
+    """Tables in ``<folder>/<models>/<run>/plots``; no experiment of DVC is saved, since a stage is one already."""
+    with needs("dvclive"):
+        from dvclive.lightning import DVCLiveLogger
+
+    return DVCLiveLogger(run, dir=str(folder / models / run), save_dvc_exp=False, dvcyaml=None)
+
+
 def mlflow(folder: Path, models: Path, run: str) -> Any:
     """A run of the experiment ``<models>`` in the SQLite file ``<folder>/mlflow.db``."""
     with needs("mlflow"):
@@ -66,6 +74,7 @@ def wandb(folder: Path, models: Path, run: str) -> Any:
 
 LOGGERS: Mapping[str, Callable[[Path, Path, str], Any]] = {
     "tensorboard": tensorboard,
+    "dvclive": dvclive,
     "mlflow": mlflow,
     "wandb": wandb,
 }

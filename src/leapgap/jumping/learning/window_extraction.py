@@ -7,6 +7,8 @@ the log claims, or what its own clock says (``leapgap.logs.row_clock``), with th
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -15,13 +17,50 @@ from leapgap.jumping.learning.windows import TimeGrid, Windows
 from leapgap.jumping.task import begin_of, schedule_of
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import per_axis, per_pair
+from leapgap.logs.reading import read_folder
 from leapgap.logs.row_clock import RowClock, with_clock
+from leapgap.logs.row_clock_estimate import uneven_clocks
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
 
 STATE_COLUMNS = ("base_pos_x", "base_pos_z", *BASE_QUATERNION, "base_linvel_x", "base_linvel_z", "base_angvel_y")
+
+CLAIMED, OWN = "claimed", "own"
+"""Clocks that windows are cut by: what a log claims, or its own where its rows are uneven."""
+
+
+@dataclass
+class ChunkSettings:
+    """Section ``chunk`` of the configuration: folders, and the time grid of the windows."""
+
+    logs: str
+    contact_step_s: float
+    flight_step_s: float
+    steps: int
+    force: str
+    clock: str
+    out: str | None = None
+
+    @property
+    def grid(self) -> TimeGrid:
+        """Time grid of a window."""
+        return TimeGrid(self.contact_step_s, self.flight_step_s, self.steps)
+
+
+def cut_folder(settings: ChunkSettings, robot: Robot, progress: Callable[[str], None]) -> Windows:
+    """Cut the jump logs of a folder into windows; ``progress`` is told what was read."""
+    readings = read_folder(Path(settings.logs), robot)
+    if settings.clock not in (CLAIMED, OWN):
+        raise InputError("chunk.clock", settings.clock, f"{CLAIMED} or {OWN}", "correct conf/chunk")
+    clocks = uneven_clocks(readings.logs, robot.joints) if settings.clock == OWN else {}
+    extracted = cut(readings.logs, settings.grid, robot, settings.force, clocks)
+    for line in readings.lines():
+        progress(line)
+    if settings.clock == OWN:
+        progress(f"{len(clocks)} of {len(readings.logs)} logs cut by their own clock")
+    return extracted
 
 
 def cut(

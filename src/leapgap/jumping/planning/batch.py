@@ -1,19 +1,45 @@
 """Write the plans to a list of targets: one reference for each, and an index of them."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.jumping.models.planar import PlanarRobot
+from leapgap.jumping.planning.problem import Grid, Limits, Problem, Weights
 from leapgap.jumping.planning.reference import Gains, name_of, to_jump
-from leapgap.jumping.planning.solve import Solution
-from leapgap.jumping.task import Target
+from leapgap.jumping.planning.solve import Solution, solve_all
+from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.logs.log import write_log
-from leapgap.runtime.atomic_io import write_json
+from leapgap.runtime.atomic_io import write_json, write_metrics
+from leapgap.runtime.output_folder import whole_folder
 
-INDEX = "references.json"
+INDEX, BESIDE = "references.json", "beside"
+
+
+@dataclass(frozen=True)
+class OptimizeSettings:
+    """Section ``optimize`` of the configuration."""
+
+    robot: str | None
+    planar: str | None
+    out: str | None
+    metrics: str | None
+    timing: str | None
+    """File of the solution times; ``beside``: beside the references."""
+    targets: Any
+    schedule: ContactSchedule = field(default_factory=ContactSchedule)
+    weights: Weights = field(default_factory=Weights)
+    limits: Limits = field(default_factory=Limits)
+    gains: Gains = field(default_factory=Gains)
+
+    def problems(self, targets: Iterable[Target], planar: PlanarRobot) -> list[Problem]:
+        """The problem of each target."""
+        grid = Grid(self.schedule)
+        return [Problem(target, grid, planar, self.weights, self.limits) for target in targets]
 
 
 def read_targets(pairs: Any, where: str) -> list[Target]:
@@ -37,6 +63,33 @@ def read_targets(pairs: Any, where: str) -> list[Target]:
 def is_number(value: Any) -> bool:
     """Whether a value is one finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+def plan_all(problems: Sequence[Problem]) -> list[Solution]:
+    """Solve all problems, and print what each solution cost."""
+    solutions = []
+    for found in solve_all(problems):
+        solutions.append(found)
+        name, seconds = name_of(found.problem.target), f"{found.seconds:.2f} s"
+        print(f"{name}: cost {found.cost:.1f}, {found.iterations} iterations, {seconds}", flush=True)
+    return solutions
+
+
+def write_all(solutions: Sequence[Solution], settings: OptimizeSettings, out: Path, by: str) -> dict[str, float]:
+    """Write references into a folder, and metrics and times where files are named; the cost of each reference.
+
+    ``by``: the command that writes.
+    """
+    with whole_folder(out, by) as folder:
+        write_references(solutions, folder, settings.gains)
+        if settings.timing == BESIDE:
+            write_json(folder / "timing.json", timing(solutions))
+    if settings.timing not in (None, BESIDE):
+        write_json(Path(settings.timing), timing(solutions))
+    if settings.metrics is not None:
+        write_metrics(Path(settings.metrics), metrics(solutions))
+    print(f"{len(solutions)} references in {out}")
+    return {f"cost/{name_of(one.problem.target)}": float(one.cost) for one in solutions}
 
 
 def write_references(solutions: Iterable[Solution], folder: Path, gains: Gains) -> None:

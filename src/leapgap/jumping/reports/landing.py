@@ -1,6 +1,7 @@
 """Landing experiment as one HTML page: errors, forces, joints, pitch and fallbacks of each method."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +119,15 @@ def html(figures: Mapping[str, Any], rows: Rows, single: Sequence[str], runs: Pa
         reasons=reasons(runs),
         jumps=len(rows),
     )
+
+
+@dataclass(frozen=True)
+class LandPageSettings:
+    """Section ``land_page`` of the configuration."""
+
+    landings: str
+    single: list[str]
+    out: str | None
 
 
 def html_of(folder: Path, single: Sequence[str]) -> str:

@@ -3,7 +3,7 @@
 It reads files of metrics and reports and computes nothing. What is not there is said, with the command that makes it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
@@ -13,19 +13,26 @@ from leapgap.errors import InputError
 from leapgap.reports.page import render_page
 from leapgap.runtime.atomic_io import read_json
 
-Metrics = Mapping[str, Any]
 BAR_PX, ROW_PX, LABEL_PX, VALUE_PX = 320, 22, 260, 70
 MOST_BARS = 14
-MOST_MODELS = 7
-"""Fewer of the learned models, whose errors span five orders of magnitude."""
+MOST_RANKED = 4
+"""Of a ranked figure, those that stand in words."""
 
 
-@dataclass(frozen=True)
-class Figure:
-    """One figure with its unit, in words."""
+class Shown:
+    """A figure as a template shows it: ``{key:%}`` a share, ``{key:#}`` a count of entries, ``{key}`` three digits."""
 
-    name: str
-    value: str
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __format__(self, how: str) -> str:
+        if self.value is None:
+            return "–"
+        if how == "#":
+            return str(len(self.value))
+        if how == "%":
+            return f"{100 * self.value:.0f} %"
+        return f"{self.value:.3g}" if isinstance(self.value, float) else str(self.value or "no cause")
 
 
 @dataclass(frozen=True)
@@ -35,14 +42,24 @@ class Source:
     title: str
     says: str
     """What was done, in a sentence or two."""
-    metrics: tuple[str, ...]
-    """Files below ``metrics``; the first that exists is shown."""
+    metrics: str
+    """File below ``metrics``."""
     command: str
     """Makes the figures again."""
-    figures: Callable[[Metrics], Sequence[Figure]]
-    bars: Callable[[Metrics], Mapping[str, float]] | None = None
+    figures: Mapping[str, str] = field(default_factory=dict)
+    """Words → template of their value (``Shown``)."""
+    partial: bool = False
+    """Whether a file may lack some of the figures."""
+    cases: bool = False
+    """Whether its figures are verdicts on cases of real robots, by name."""
+    ranked: str | None = None
+    """Key of a mapping by name that is drawn, the smallest first."""
+    ranked_words: str | None = None
+    """What the smallest of them are, in words, ``{}`` the name; None: they are drawn alone."""
+    ranked_interval: str | None = None
+    """Key of their intervals."""
     unit: str = ""
-    """Unit in which the bars are drawn; empty where they have none."""
+    """Of what is drawn."""
     pages: Mapping[str, str] = field(default_factory=dict)
     """Files below ``data`` by what they are; those that do not exist are left out."""
     report: str | None = None
@@ -51,7 +68,7 @@ class Source:
     @property
     def published(self) -> bool:
         """Whether it is of published jumps, which have a pipeline of their own."""
-        return self.metrics[0].startswith("published/")
+        return self.metrics.startswith("published/")
 
 
 @dataclass(frozen=True)
@@ -59,7 +76,8 @@ class Section:
     """A part of the index as it is shown."""
 
     source: Source
-    figures: tuple[Figure, ...]
+    figures: Mapping[str, str]
+    """Words → value."""
     bars: Mapping[str, float]
     sentence: str | None
     pages: Mapping[str, str]
@@ -72,226 +90,106 @@ class Section:
         return bar_chart(self.bars, self.source.unit) if self.bars else ""
 
 
-def percent(value: Any) -> str:
-    """A share as ``97 %``; a dash where there is none."""
-    return "–" if value is None else f"{100 * value:.0f} %"
-
-
-def number(value: Any) -> str:
-    """A number with three significant digits; a dash where there is none."""
-    return "–" if value is None else f"{value:.3g}"
-
-
-def of_references(metrics: Metrics) -> list[Figure]:
-    """Number of planned jumps and their largest constraint violation."""
-    violation = Figure("largest constraint violation", number(metrics["max_violation"]))
-    return [Figure("planned jumps", str(len(metrics["cost"]))), violation]
-
-
-def of_learning(metrics: Metrics) -> list[Figure]:
-    """Number of jumps, and the best models' errors."""
-    ranked = sorted(metrics["cv_mse"].items(), key=lambda item: item[1])
-    error = [Figure(f"mean squared error of {name}, 4-fold over jumps", number(value)) for name, value in ranked[:3]]
-    return [Figure("jumps", str(metrics["jumps"])), *error]
-
-
-def best_learning(metrics: Metrics) -> dict[str, float]:
-    """Errors of the models, best first."""
-    return dict(sorted(metrics["cv_mse"].items(), key=lambda item: item[1])[:MOST_MODELS])
-
-
-def of_landing(metrics: Metrics) -> list[Figure]:
-    """Mean landing error of the nearest methods, with its interval."""
-    found = []
-    for name, value in list(best_landing(metrics).items())[:4]:
-        ends = metrics["mean_abs_error_ci95_cm"][name]
-        interval = f" ({ends[0]:.2f} to {ends[1]:.2f})" if ends else ""
-        found.append(Figure(f"mean size of the landing error, {name}", f"{value:.2f} cm{interval}"))
-    return found
-
-
-def best_landing(metrics: Metrics) -> dict[str, float]:
-    """Mean landing errors by hardware and method, smallest first."""
-    return dict(sorted(metrics["mean_abs_error_cm"].items(), key=lambda item: item[1])[:MOST_BARS])
-
-
-def of_diagnosis(metrics: Metrics) -> list[Figure]:
-    """Verdict, gap before and after, share closed on logs not fitted on."""
-    return [
-        Figure("verdict", f"{metrics['verdict']}: {metrics['answer'] or 'no cause'}"),
-        Figure("gap closed on logs not fitted on", percent(metrics["closure_heldout"])),
-        Figure(
-            "gap, nominal and corrected", f"{number(metrics['gap_nominal'])} and {number(metrics['gap_corrected'])}"
-        ),
-        Figure("noise floor", number(metrics["noise_floor"])),
-    ]
-
-
-def of_injected(metrics: Metrics) -> list[Figure]:
-    """Scores on effects that were injected one by one."""
-    names = {
-        "injected_named_first": "injected effects named first",
-        "injected_coverage": "truths inside their 95 % intervals",
-        "none_correct": "unchanged robots left unnamed",
-        "pairs_both_named": "pairs of effects of which both are named",
-    }
-    return [
-        Figure("cases", str(metrics["cases"])),
-        *(Figure(words, percent(metrics[key])) for key, words in names.items()),
-    ]
-
-
-BLIND_WORDS = {
-    "named_first": "of detectable single causes, named first",
-    "named_in_set": "of them, in the named set",
-    "wrongly_named": "of all cases, given a wrong name",
-    "unknown_recall": "of effects without a name, called unknown",
-    "none_correct": "of robots without a gap, left unnamed",
-    "pairs_both_named": "of pairs, both named",
-    "triples_members_named": "of the detectable members of triples, named",
-    "coverage": "truths inside their 95 % intervals",
+PLANNED = {"planned jumps": "{cost:#}", "largest constraint violation": "{max_violation}"}
+DIAGNOSED = {
+    "verdict": "{verdict}: {answer}",
+    "gap closed on logs not fitted on": "{closure_heldout:%}",
+    "gap, nominal and corrected": "{gap_nominal} and {gap_corrected}",
+    "noise floor": "{noise_floor}",
 }
-
-
-def of_blind(metrics: Metrics) -> list[Figure]:
-    """Scores of the blind check."""
-    shares = [Figure(words, percent(metrics[key])) for key, words in BLIND_WORDS.items() if key in metrics]
-    return [Figure("sealed cases", str(metrics["cases"])), *shares]
-
-
-def bars_of_blind(metrics: Metrics) -> dict[str, float]:
-    """The same scores in per cent."""
-    return {words: 100 * metrics[key] for key, words in BLIND_WORDS.items() if metrics.get(key) is not None}
-
-
-def of_robots(metrics: Metrics) -> list[Figure]:
-    """Verdict on each log of a real robot, beside the published answer."""
-    found = []
-    for name, case in metrics["cases"].items():
-        answer = " + ".join(" or ".join(names) for names in case["answer"]) or "no cause"
-        right = "right" if case["right"] else "not right"
-        found.append(
-            Figure(name.replace("_", " "), f"{case['verdict']}: {answer} ({right}; published: {case['published']})")
-        )
-    return found
-
-
-def of_hostile(metrics: Metrics) -> list[Figure]:
-    """Counts of hostile inputs, ticks and kills."""
-    return [Figure(name.replace("_", " "), str(value)) for name, value in metrics.items() if isinstance(value, int)]
-
-
+INJECTED = {
+    "cases": "{cases}",
+    "injected effects named first": "{injected_named_first:%}",
+    "truths inside their 95 % intervals": "{injected_coverage:%}",
+    "unchanged robots left unnamed": "{none_correct:%}",
+    "pairs of effects of which both are named": "{pairs_both_named:%}",
+}
+BLIND = {
+    "sealed cases": "{cases}",
+    "of detectable single causes, named first": "{named_first:%}",
+    "of them, in the named set": "{named_in_set:%}",
+    "of all cases, given a wrong name": "{wrongly_named:%}",
+    "of effects without a name, called unknown": "{unknown_recall:%}",
+    "of robots without a gap, left unnamed": "{none_correct:%}",
+    "of pairs, both named": "{pairs_both_named:%}",
+    "of the detectable members of triples, named": "{triples_members_named:%}",
+    "truths inside their 95 % intervals": "{coverage:%}",
+}
+HOSTILE = {
+    name.replace("_", " "): f"{{{name}}}"
+    for name in (
+        *("inputs", "refused", "set_aside", "accepted_harmless", "accepted_nonsense", "traceback", "hang", "memory"),
+        *("ticks", "nonfinite", "outside_limits", "exceptions", "kills", "partial_visible", "orphans", "bytes_differ"),
+    )
+}
+LEARNED: dict[str, Any] = {
+    "figures": {"jumps": "{jumps}"},
+    "ranked": "cv_mse",
+    "ranked_words": "mean squared error of {}, 4-fold over jumps",
+    "unit": "mean squared error",
+}
+LANDED: dict[str, Any] = {
+    "ranked": "mean_abs_error_cm",
+    "ranked_words": "mean size of the landing error, {}",
+    "ranked_interval": "mean_abs_error_ci95_cm",
+    "unit": "cm",
+}
 SOURCES = (
     Source(
-        "References",
-        "Jumps planned by full-body trajectory optimisation.",
-        ("references_own.json",),
-        "dvc repro optimize@own",
-        of_references,
-        bars=lambda metrics: metrics["cost"],
-        unit="cost",
-        pages={"page": "views/references.html"},
+        "References", "Jumps planned by full-body trajectory optimisation.", "references_own.json",
+        "dvc repro optimize@own", PLANNED, ranked="cost", unit="cost", pages={"page": "views/references.html"},
     ),
     Source(
-        "Learned models, simulated jumps",
-        "Residual models and their rivals predict jumps that they have not seen.",
-        ("learning.json",),
-        "dvc repro evaluate@simulated",
-        of_learning,
-        bars=best_learning,
-        unit="mean squared error",
-        pages={"page": "predictions/simulated/report.html"},
+        "Learned models, simulated jumps", "Residual models and their rivals predict jumps that they have not seen.",
+        "learning.json", "dvc repro evaluate@simulated", pages={"page": "predictions/simulated/report.html"}, **LEARNED,
     ),
     Source(
-        "Learned models, published jumps",
-        "The same on the sixteen published jumps of the A1.",
-        ("published/learning.json",),
-        "dvc repro published/dvc.yaml:evaluate",
-        of_learning,
-        bars=best_learning,
-        unit="mean squared error",
-        pages={"page": "predictions/published/report.html"},
+        "Learned models, published jumps", "The same on the sixteen published jumps of the A1.",
+        "published/learning.json", "dvc repro published/dvc.yaml:evaluate",
+        pages={"page": "predictions/published/report.html"}, **LEARNED,
     ),
     Source(
-        "Landings",
-        "Where each method lands, in closed loop on simulated hardware that no controller knows.",
-        ("landing.json",),
-        "dvc repro land",
-        of_landing,
-        bars=best_landing,
-        unit="cm",
-        pages={"page": "pages/landings/report.html"},
+        "Landings", "Where each method lands, in closed loop on simulated hardware that no controller knows.",
+        "landing.json", "dvc repro land", pages={"page": "pages/landings/report.html"}, **LANDED,
     ),
     Source(
         "Landings of all methods on all robots",
         "The same with every method, time grid and run that the tables of the documentation are of.",
-        ("landing_full.json",),
-        "make full",
-        of_landing,
-        bars=best_landing,
-        unit="cm",
-        pages={"page": "landings_full/report.html"},
+        "landing_full.json", "make full", pages={"page": "landings_full/report.html"}, **LANDED,
     ),
     Source(
-        "Landings with the corrected robot",
-        "Planning for the robot as it was diagnosed.",
-        ("landing_corrected.json",),
-        "dvc repro land_corrected",
-        of_landing,
-        bars=best_landing,
-        unit="cm",
-        pages={"page": "pages/landings_corrected/report.html"},
+        "Landings with the corrected robot", "Planning for the robot as it was diagnosed.", "landing_corrected.json",
+        "dvc repro land_corrected", pages={"page": "pages/landings_corrected/report.html"}, **LANDED,
     ),
     Source(
-        "Diagnosis of the published jumps",
-        "What the A1's simulation lacks, by the jumps alone.",
-        ("published/diagnosis.json",),
-        "dvc repro published/dvc.yaml:report",
-        of_diagnosis,
-        pages={"report": "reports/published/report.html"},
-        report="reports/published",
+        "Diagnosis of the published jumps", "What the A1's simulation lacks, by the jumps alone.",
+        "published/diagnosis.json", "dvc repro published/dvc.yaml:report", DIAGNOSED,
+        pages={"report": "reports/published/report.html"}, report="reports/published",
     ),
     Source(
-        "Diagnosis of damped joints",
-        "Simulated jumps with one hidden effect.",
-        ("damped/diagnosis.json",),
-        "dvc repro report@damped",
-        of_diagnosis,
-        pages={"report": "reports/damped/report.html"},
-        report="reports/damped",
+        "Diagnosis of damped joints", "Simulated jumps with one hidden effect.", "damped/diagnosis.json",
+        "dvc repro report@damped", DIAGNOSED,
+        pages={"report": "reports/damped/report.html"}, report="reports/damped",
     ),
     Source(
-        "Injected effects",
-        "Every effect of the table, injected at several sizes, alone and in pairs.",
-        ("diagnosis.json",),
-        "python -m tests.benchmarks.diagnosis_injected --json metrics/diagnosis.json",
-        of_injected,
+        "Injected effects", "Every effect of the table, injected at several sizes, alone and in pairs.",
+        "diagnosis.json", "python -m tests.benchmarks.diagnosis_injected --json metrics/diagnosis.json", INJECTED,
     ),
     Source(
         "Blind check",
         "Robots whose cause was sealed before they were judged, of another simulation than the diagnosing one.",
-        ("blind.json",),
-        "make blind",
-        of_blind,
-        bars=bars_of_blind,
-        unit="%",
+        "blind.json", "make blind", BLIND, partial=True,
         pages={"page of the full check": "blind/page/index.html", "page of a small one": "withheld/page/index.html"},
     ),
     Source(
-        "Real robots",
-        "Logs of real robots whose answers others published; the rule was written before the run.",
-        ("real/robots.json",),
-        "make robots",
-        of_robots,
+        "Real robots", "Logs of real robots whose answers others published; the rule was written before the run.",
+        "real/robots.json", "make robots", cases=True,
     ),
     Source(
-        "Hostile inputs and kills",
-        "Broken files, absurd values, impossible ticks, processes that are killed.",
-        ("hostile.json",),
-        "make hostile",
-        of_hostile,
+        "Hostile inputs and kills", "Broken files, absurd values, impossible ticks, processes that are killed.",
+        "hostile.json", "make hostile", HOSTILE, partial=True,
     ),
-)
+)  # fmt: skip
 """Parts of the index in the order in which things flow."""
 
 
@@ -302,26 +200,45 @@ def sections(root: Path, published: bool | None = None) -> list[Section]:
 
 def section(source: Source, root: Path) -> Section:
     """One part: what its files say."""
-    path = next((one for name in source.metrics if (one := root / "metrics" / name).is_file()), None)
-    figures: tuple[Figure, ...] = ()
-    bars: dict[str, float] = {}
-    if path is not None:
-        figures, bars = read_figures(source, path)
+    path = root / "metrics" / source.metrics
+    figures, bars = read_figures(source, path) if path.is_file() else ({}, {})
     pages = {words: name for words, name in source.pages.items() if (root / "data" / name).is_file()}
     data = root / "data" / source.report / "report.json" if source.report else None
     sentence = read_json(data).get("sentence") if data is not None and data.is_file() else None
-    return Section(source, figures, bars, sentence, pages, path is None)
+    return Section(source, figures, bars, sentence, pages, not path.is_file())
 
 
-def read_figures(source: Source, path: Path) -> tuple[tuple[Figure, ...], dict[str, float]]:
+def read_figures(source: Source, path: Path) -> tuple[dict[str, str], dict[str, float]]:
     """Figures and bars of a file of metrics; ``InputError`` for one that has not the form that its command writes."""
     metrics = read_json(path)
+    shown = {name: Shown(value) for name, value in metrics.items()}
+    figures: dict[str, str] = {}
+    bars: dict[str, float] = {}
     try:
-        bars = source.bars(metrics) if source.bars else {}
-        return tuple(source.figures(metrics)), {name: float(value) for name, value in bars.items()}
+        for words, template in source.figures.items():
+            if not source.partial or template.strip("{}").partition(":")[0] in metrics:
+                figures[words] = template.format_map(shown)
+        if source.ranked:
+            ranked = sorted(metrics[source.ranked].items(), key=lambda item: float(item[1]))
+            bars = {name: float(value) for name, value in ranked[:MOST_BARS]}
+        for name, value in list(bars.items())[:MOST_RANKED] if source.ranked_words else ():
+            ends = metrics[source.ranked_interval][name] if source.ranked_interval else None
+            interval = f" ({ends[0]:.3g} to {ends[1]:.3g})" if ends else ""
+            unit = "" if source.unit in str(source.ranked_words) else f" {source.unit}"
+            figures[str(source.ranked_words).format(name)] = f"{value:.3g}{unit}{interval}"
+        for name, case in metrics["cases"].items() if source.cases else ():
+            figures[name.replace("_", " ")] = of_robot(case)
+        return figures, bars
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         says = f"other figures than {source.title!r} has ({type(error).__name__}: {error})"
         raise InputError(path, says, "what its command writes", f"make it anew: {source.command}") from None
+
+
+def of_robot(case: Mapping[str, Any]) -> str:
+    """Verdict on the logs of a real robot, beside the published answer."""
+    answer = " + ".join(" or ".join(names) for names in case["answer"]) or "no cause"
+    right = "right" if case["right"] else "not right"
+    return f"{case['verdict']}: {answer} ({right}; published: {case['published']})"
 
 
 def html(parts: Sequence[Section]) -> str:
@@ -345,7 +262,7 @@ def markdown(parts: Sequence[Section]) -> str:
             lines += [f"Not there: `{part.source.command}` makes it."]
             continue
         lines += ["| figure | value | made by |", "|---|---|---|"]
-        lines += [f"| {one.name} | {one.value} | `{part.source.command}` |" for one in part.figures]
+        lines += [f"| {words} | {value} | `{part.source.command}` |" for words, value in part.figures.items()]
         if part.chart:
             lines += ["", part.chart]
     return "\n".join(lines) + "\n"

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from leapgap.logs.log import Log, LogInfo, write_log
+from leapgap.robot.self_contained import OWN_MODEL
 from leapgap.runtime.atomic_io import sha256, write_text
 from leapgap.validation.outcome import DETECTABLE_FLOORS
 from leapgap.validation.owners.errors import OF_ROBOT, Error, Situation
@@ -81,7 +82,7 @@ def write_owners_case(case: OwnersCase, models: Path, logs: Path, proof: Path) -
     for name, plan, run in zip(names, plans, runs, strict=True):
         log = logged(name, plan, run, robot, errors, nominal.names, noise_rng)
         write_log(log, (logs if name.startswith("log") else proof) / f"{name}.parquet")
-    write_text(logs / "robot.xml", model_file(spec, errors))
+    write_text(logs / OWN_MODEL, model_file(spec, errors))
     floor = difference(made((), MEASURED), expected, robot, with_noise=True)
     effects = [one for one in errors if not one.is_fact]
     filed = {e.name: Error(e.name, drive={"limit": e.file_limit}) for e in effects if e.file_limit is not None}
@@ -111,7 +112,7 @@ def write_owners_case(case: OwnersCase, models: Path, logs: Path, proof: Path) -
         "where": [],
         "logs": {f"{name}.parquet": sha256(logs / f"{name}.parquet") for name in names[:LOGS]},
         "proof": {f"{name}.parquet": sha256(proof / f"{name}.parquet") for name in names[LOGS:]},
-        "model": {"robot.xml": sha256(logs / "robot.xml")},
+        "model": {OWN_MODEL: sha256(logs / OWN_MODEL)},
     }
 
 

@@ -5,9 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from leapgap.jumping.learning.initialisation import unit_scaling
 from leapgap.jumping.learning.model import Model, Nominal
-from leapgap.jumping.learning.models.residual_networks import train_networks
+from leapgap.jumping.learning.models.residual_networks import train_networks, unit_scaling
 from leapgap.jumping.learning.network import NetworkModel, orthogonal_mlp
 from leapgap.jumping.learning.recipe import FitTask, Fitting, LearningCurve, ModelRecipe, ModelSettings
 from leapgap.jumping.learning.windows import TimeGrid

@@ -5,10 +5,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from leapgap.jumping.learning.initialisation import fit_scaling
 from leapgap.jumping.learning.model import Model, Nominal
 from leapgap.jumping.learning.models.nominal import fit_gains
-from leapgap.jumping.learning.network import NetworkForecast, NetworkModel, random_mlp
+from leapgap.jumping.learning.network import NetworkForecast, NetworkModel, Scaling, random_mlp
 from leapgap.jumping.learning.recipe import (
     FitTask,
     Fitting,
@@ -17,10 +16,34 @@ from leapgap.jumping.learning.recipe import (
     ModelSettings,
     configured_inputs,
 )
-from leapgap.jumping.learning.transitions import extract_transitions
+from leapgap.jumping.learning.transitions import Transitions, extract_transitions
 from leapgap.jumping.learning.windows import Windows, drop_forces
-from leapgap.jumping.models.affine_model import check_names
+from leapgap.jumping.models.affine_model import check_names, columns
 from leapgap.jumping.models.rigid_body import RigidBody
+
+
+def fit_scaling(
+    steps: Transitions, names: tuple[str, ...], weight: np.ndarray, nominal: Nominal, force_scale: float
+) -> Scaling:
+    """Means and spreads of the steps of one phase; units where it has no step."""
+    if not len(steps.step):
+        return unit_scaling(len(names), 1.0)
+    raw = np.stack(columns(names, steps.situation), axis=-1)
+    residual = steps.acceleration - nominal.at(steps.situation.foot).acceleration(steps.force)
+    return Scaling(
+        input_mean=raw.mean(axis=0),
+        input_scale=(raw.std(axis=0) + 1e-6) / weight,
+        force_mean=steps.force.mean(axis=0),
+        force_scale=(steps.force.std(axis=0) + 1e-6) * force_scale,
+        mean=residual.mean(axis=0),
+        scale=residual.std(axis=0) + 1e-6,
+    )
+
+
+def unit_scaling(inputs: int, output: float) -> Scaling:
+    """The scaling that leaves inputs and forces raw; ``output`` is the unit of h and G."""
+    return Scaling(np.zeros(inputs), np.ones(inputs), np.zeros(4), np.ones(4), np.zeros(3), np.full(3, output))
+
 
 INPUTS = {
     **{"z": 0.15, "pitch": 0.15, "vx": 0.15, "vz": 0.15, "pitch_rate": 1.0},

@@ -1,11 +1,15 @@
-"""What the clock of the rows does to learned models: the same jumps cut by the claimed clock, and by their own.
+"""What does the clock of the rows do to learned models: the same jumps cut by the claimed clock, and by their own?
 
 Both cuts begin their steps at the same rows, so window for window they cover the same true time. The truth is one for
 both: the states at the instants of the rows. What differs is what a model is given: 25 ms or the true length of a step,
-and states as the rows show them, up to some milliseconds old, or those of the instants.
+and states as the rows show them, up to some milliseconds old, or those of the instants. Run as
+``python -m tests.benchmarks.clock_comparison --json metrics/published/learning_clocks.json``: half a minute.
 """
 
+import argparse
 import csv
+import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,12 +18,20 @@ from typing import Any
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.learning.evaluation import HeldOutPredictions, coverage, round_figure, standard_error
+from leapgap.jumping.learning import windows as window_files
+from leapgap.jumping.learning.evaluation import (
+    HeldOutPredictions,
+    coverage,
+    predict_held_out,
+    round_figure,
+    standard_error,
+)
 from leapgap.jumping.learning.model import Model, squared_errors
 from leapgap.jumping.learning.transitions import extract_transitions, steps_of
 from leapgap.jumping.learning.windows import RolloutInputs, Windows
 from leapgap.jumping.models.rigid_body import POSITION, STATE, VELOCITY
-from leapgap.runtime.atomic_io import whole_file
+from leapgap.runtime.atomic_io import whole_file, write_json
+from tests.benchmarks import run_benchmark
 
 CLAIMED, OWN = "claimed", "own"
 """Trained and run by the claimed clock, and by the logs' own one."""
@@ -69,7 +81,7 @@ def check_same_rows(claimed: Windows, own: Windows) -> None:
     same = (claimed.jumps, claimed.grid, claimed.schedule) == (own.jumps, own.grid, own.schedule)
     if not same or not all(np.array_equal(getattr(claimed, name), getattr(own, name)) for name in ("jump", "start")):
         raise InputError(
-            "evaluate.own_clock_windows",
+            "windows by the own clock",
             f"{len(own)} windows of {len(own.jumps)} jumps, {own.grid}",
             f"the {len(claimed)} windows of {len(claimed.jumps)} jumps, {claimed.grid}, of evaluate.windows",
             "cut the same logs twice (stages.chunk), once with chunk.clock=own",
@@ -297,3 +309,35 @@ def write_error_by_step(found: ClockComparison, path: Path) -> None:
                 for i, name in enumerate(STATE):
                     label = f"{model}, {kind} clock"
                     writer.writerows([label, name, k + 1, f"{value:.6g}"] for k, value in enumerate(errors[:, i]))
+
+
+def models_by(clock: str, logs: Path, out: Path, models: str) -> HeldOutPredictions:
+    """Held-out predictions of models that are trained on the logs' windows by one clock."""
+    windows, trained = out / f"windows_{clock}", out / f"models_{clock}"
+    cut = [f"chunk.logs={logs}", f"chunk.clock={clock}", f"chunk.out={windows}"]
+    train = [f"train.windows={windows}", f"train.out={trained}", "train.sessions=null", f"train.models=[{models}]"]
+    for stage, arguments in (("chunk", cut), ("train", train)):
+        subprocess.run([sys.executable, "-m", f"stages.{stage}", *arguments], check=True)
+    found = predict_held_out(window_files.read(windows), trained, "fold")
+    if found is None:
+        raise InputError(logs, "too few jumps", "two or more, so that one can be held out", "name another folder")
+    return found
+
+
+def main() -> None:
+    """Train by both clocks, and write the comparison as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--logs", type=Path, help="folder of jump logs; the published ones")
+    parser.add_argument("--out", type=Path, default=Path("data/clocks"), help="folder of windows, models and tables")
+    parser.add_argument("--tiny", action="store_true", help="simulated jumps and one model, to see that it runs")
+    chosen = parser.parse_args()
+    logs = chosen.logs or Path("data/jumps/simulated" if chosen.tiny else "data/jumps/published")
+    models = "nominal_fitted" if chosen.tiny else "nominal,nominal_fitted,constant_velocity,networks,kernel"
+    found = compare(*(models_by(clock, logs, chosen.out, models) for clock in (CLAIMED, OWN)))
+    write_error_by_step(found, chosen.out / "error_by_step.csv")
+    write_json(chosen.json, figures(found))
+
+
+if __name__ == "__main__":
+    run_benchmark(main)

@@ -1,0 +1,144 @@
+"""Withheld cases written: logs for the diagnosis, truths for the score, and the seals of these beside the logs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
+from leapgap.robot.self_contained import OWN_MODEL, self_contained
+from leapgap.runtime.atomic_io import sha256, write_json, write_text
+from leapgap.runtime.executor import Executor
+from leapgap.simulation.open_loop import Course
+from leapgap.validation.case import CaseSetup, published_case, withhold, write_case
+from leapgap.validation.case_draw import Case, Half, Sizes, draw_ordinary_cases
+from leapgap.validation.motions.base import PlannedMotion
+from leapgap.validation.own_numbers import OwnNumbers
+from leapgap.validation.owners.cases import OwnersCase, write_owners_case
+from leapgap.validation.seal import PUBLISHED, SEALS, seal
+
+
+@dataclass(frozen=True)
+class RobotClass:
+    """Settings of one class: the robot, its motion, and how many cases there are."""
+
+    model: str
+    """Model file, or a name in MuJoCo Menagerie."""
+    fix_base: bool | None
+    """True: a floating robot is held at the pose of its model file; null: as the file has it."""
+    motion: dict[str, Any]
+    """Kind of a motion and its numbers."""
+    world: dict[str, Any]
+    """How its logs are generated, where that departs from the setup of the jumps."""
+    halves: dict[str, Any]
+    without: list[str]
+    """Effects that are not drawn although they exist on the robot, since they change nothing of its motion."""
+
+
+@dataclass(frozen=True)
+class ClassCases:
+    """The cases of one class with what generates them."""
+
+    robot: Robot
+    plans: Sequence[Log]
+    setup: CaseSetup
+    cases: Sequence[Case]
+
+
+def draw_class(
+    robot: Robot,
+    motion: PlannedMotion,
+    setup: CaseSetup,
+    halves: Mapping[str, Half],
+    shares: Sizes,
+    signed: Sequence[str],
+    without: Sequence[str] = (),
+) -> ClassCases:
+    """Draw the plans and cases of one class; ``shares`` are sizes of effects as shares of the robot's own numbers.
+
+    Effects of the table that ``without`` names are not drawn.
+    """
+    plans = motion.draw(robot)
+    own = OwnNumbers.of(robot, motion.start(robot), motion.sample_period_s)
+    setup = replace(setup, log="log", course=Course(setup.course.settle_s, after_landing_s=0.0))
+    chosen = {name: of_effect for name, of_effect in shares.items() if name not in without}
+    return ClassCases(robot, plans, setup, draw_ordinary_cases(halves, chosen, signed, robot, own))
+
+
+@dataclass(frozen=True)
+class DrawnCases:
+    """All cases to withhold, with what their logs are generated from."""
+
+    robot: Robot
+    """The pipeline's own, which ``cases`` are of."""
+    setup: CaseSetup
+    references: Sequence[Log]
+    cases: Sequence[Case]
+    classes: Mapping[str, ClassCases]
+    owners: Sequence[OwnersCase]
+    owners_models: Path
+    """Folder of the model files of owners' robots."""
+    published: Sequence[Log]
+
+    def write(self, logs: Path, truths: Path, executor: Executor) -> None:
+        """Generate and write every case, and the seals."""
+        job = partial(write_jumps, self, logs, truths)
+        seals = dict(executor.map(job, numbered("case", self.cases)))
+        for name, own in self.classes.items():
+            of_class = partial(write_class_case, name, own, self_contained(own.robot), logs, truths)
+            seals |= executor.map(of_class, numbered(name, own.cases))
+        seals |= executor.map(partial(write_owners, self.owners_models, logs, truths), numbered("owners", self.owners))
+        if self.has_published:
+            case = published_case(self.published, len(self.published))
+            truth = write_case(case, logs / PUBLISHED, truths / PUBLISHED)
+            seals |= [write_truth(truth, truths, PUBLISHED)]
+        write_json(logs / SEALS, seals)
+
+    @property
+    def has_published(self) -> bool:
+        """Whether there are published jumps enough for a case."""
+        return len(self.published) > 1
+
+    @property
+    def in_words(self) -> list[str]:
+        """How many cases of each kind there are, a line a kind."""
+        lines = [f"{name}: {len(own.cases)} cases withheld" for name, own in self.classes.items()]
+        lines += [f"owners: {len(self.owners)} cases withheld"] if self.owners else []
+        return [*lines, f"{len(self.cases)} cases{' and the published jumps' if self.has_published else ''} withheld"]
+
+
+def numbered(name: str, cases: Sequence[Any]) -> list[tuple[str, Any]]:
+    """Cases with their names, ``case_000`` and so on."""
+    return [(f"{name}_{i:03d}", case) for i, case in enumerate(cases)]
+
+
+def write_jumps(drawn: DrawnCases, logs: Path, truths: Path, named: tuple[str, Case]) -> tuple[str, str]:
+    """Write the logs and the truth of one case; return its name and seal."""
+    name, case = named
+    withheld = withhold(case, drawn.references, drawn.robot, drawn.setup)
+    return write_truth(write_case(withheld, logs / name, truths / name), truths, name)
+
+
+def write_class_case(
+    of_class: str, own: ClassCases, model: str, logs: Path, truths: Path, named: tuple[str, Case]
+) -> tuple[str, str]:
+    """Write the logs, the model and the truth of one case of a class; return the case's name and seal."""
+    name, case = named
+    truth = write_case(withhold(case, own.plans, own.robot, own.setup), logs / name, truths / name)
+    write_text(logs / name / OWN_MODEL, model)
+    truth |= {"robot": of_class, "model": {OWN_MODEL: sha256(logs / name / OWN_MODEL)}}
+    return write_truth(truth, truths, name)
+
+
+def write_owners(models: Path, logs: Path, truths: Path, named: tuple[str, OwnersCase]) -> tuple[str, str]:
+    """Write the logs, the model and the truth of one case of owners' errors; return its name and seal."""
+    name, case = named
+    return write_truth(write_owners_case(case, models, logs / name, truths / name), truths, name)
+
+
+def write_truth(truth: dict[str, Any], truths: Path, name: str) -> tuple[str, str]:
+    """Write a truth; return the case's name and seal."""
+    write_json(truths / f"{name}.json", truth)
+    return name, seal(truth)

@@ -1,0 +1,83 @@
+"""The cases that the section ``withhold`` describes."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from leapgap.jumping.planning.batch import read_targets
+from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
+from leapgap.logs.log import Log, read_logs
+from leapgap.robot.model import Robot
+from leapgap.validation.case import CaseSetup, ChosenCase
+from leapgap.validation.case_draw import Further, FurtherCounts, Half, draw_cases
+from leapgap.validation.motions import known
+from leapgap.validation.owners.cases import OwnersHalf, draw_owners
+from leapgap.validation.withholding import ClassCases, DrawnCases, RobotClass, draw_class
+from stages.common import CONF, find_model, read_config, read_each, read_one_of
+
+
+@dataclass(frozen=True)
+class WithholdSettings:
+    """Section ``withhold`` of the configuration."""
+
+    logs: str | None
+    truth: str | None
+    references: str
+    planar: str
+    published: str | None
+    targets: Any
+    world: dict[str, Any]
+    halves: dict[str, Any]
+    sizes: dict[str, dict[str, list[float]]]
+    signed: list[str]
+    chosen: list[Any]
+    """Cases that are not drawn, each a ``ChosenCase``."""
+    further: dict[str, Any]
+    clocks: dict[str, dict[str, list[float]]]
+    too_high: dict[str, dict[str, list[float]]]
+    robots: dict[str, Any]
+    """Name of a class of cases → its ``RobotClass``."""
+    shares: dict[str, dict[str, list[float]]]
+    owners: dict[str, Any]
+    """Half → its ``OwnersHalf``."""
+
+
+def draw_all(settings: WithholdSettings, section: DictConfig, robot: Robot) -> DrawnCases:
+    """Draw all cases, and plan the jumps of ``robot``."""
+    halves = read_each(Half, section.halves, "withhold.halves")
+    counts = read_each(FurtherCounts, section.further, "withhold.further")
+    further = Further(counts, settings.clocks, settings.too_high)
+    chosen = [read_config(ChosenCase, own, f"withhold.chosen.{k}").case for k, own in enumerate(section.chosen)]
+    cases = draw_cases(halves, settings.sizes, settings.signed, robot, further, chosen)
+    owners = read_each(OwnersHalf, section.owners, "withhold.owners").items()
+    return DrawnCases(
+        robot,
+        read_config(CaseSetup, section.world, "withhold.world"),
+        references_of(settings, robot) if cases else [],
+        cases,
+        {name: read_class(name, settings, section) for name in section.robots},
+        [case for half, of_half in owners for case in draw_owners(half, of_half)],
+        CONF / "withhold" / "models",
+        read_logs(Path(settings.published)) if settings.published else [],
+    )
+
+
+def references_of(settings: WithholdSettings, robot: Robot) -> list[Log]:
+    """The planned jumps to all targets."""
+    folder, planar = Path(settings.references), select_planar_robot(settings.planar, robot)
+    return [reference_to(target, folder, planar) for target in read_targets(settings.targets, "withhold.targets")]
+
+
+def read_class(name: str, settings: WithholdSettings, section: DictConfig) -> ClassCases:
+    """Draw the cases of one class of ``withhold.robots``."""
+    own = section.robots[name]
+    chosen = read_config(RobotClass, own, f"withhold.robots.{name}")
+    robot = Robot.load(find_model(chosen.model), fix_base=chosen.fix_base)
+    motion = read_one_of(known(), {"motion": own.motion}, f"withhold.robots.{name}")["motion"]
+    world = OmegaConf.create(OmegaConf.to_container(section.world))  # without its flag, so that keys may be added
+    merged = OmegaConf.merge(world, {"block_height_m": [0.0, 0.0]}, own.world)
+    setup = read_config(CaseSetup, merged, f"withhold.robots.{name}.world")
+    halves = read_each(Half, own.halves, f"withhold.robots.{name}.halves")
+    return draw_class(robot, motion, setup, halves, settings.shares, settings.signed, chosen.without)
