@@ -194,18 +194,21 @@ class Intervals:
     def change(self, log: int, effects: Effects, transition: np.ndarray) -> np.ndarray:
         """By how much effects in place of what acts change the reported states of one log, (intervals, 2 nv).
 
-        The true states at the beginning of each interval are those of what acts: what sensors misreport moves them by
-        ``transition``, exactly, and feet stay as deep in the ground as they are.
+        What sensors misreport moves the true states at the beginning of each interval. Of a robot with feet these are
+        those of what acts, moved by ``transition``, exactly: feet stay as deep in the ground as they are.
         """
-        acting = self.acting[log]
+        acting, begins = self.acting[log], self.courses[log].begins
+        late, before = self.misreported(log, effects), self.misreported(log, acting)
+        memory = self.has_memory(log, effects) or self.has_memory(log, acting)
+        if not self.robot.feet and not memory:
+            return tangent_difference(self._reached(log, effects, late), self.predicted[log], self.robot)
         if moving(effects) == moving(acting):
             change = np.zeros((self.courses[log].intervals, 2 * self.robot.model.nv))
-        elif self.has_memory(log, effects) or self.has_memory(log, acting):
+        elif memory:
             change = self._with_memory(log, effects, transition)
         else:
-            late = self.misreported(log, acting)
-            change = tangent_difference(self._reached(log, effects, late), self.predicted[log], self.robot)
-        further, begins = self.misreported(log, effects) - self.misreported(log, acting), self.courses[log].begins
+            change = tangent_difference(self._reached(log, effects, before), self.predicted[log], self.robot)
+        further = late - before
         return np.asarray(change + further[begins + 1] - np.einsum("kij,kj->ki", transition, further[begins]))
 
     def has_memory(self, log: int, effects: Effects) -> bool:

@@ -149,7 +149,8 @@ class Columns:
         - Of effects ``acting`` the columns that are ``known`` stay, since none acts twice.
         - An effect that acts as a torque along each joint by itself is replayed once, at all places; what it does is
           shared out among the joints by the responses to their torques.
-        - One whose force is known in closed form does what the responses make of that force.
+        - One whose force is known in closed form does what the responses make of that force. (What sensors of a held
+          robot report wrongly cancels against its joint PD but for little: it is replayed.)
         - All others are replayed at moderate departures, by long steps of the simulation, whose error cancels.
         """
         robot, intervals = intervals.robot, rough_steps(intervals)
@@ -168,7 +169,8 @@ class Columns:
                 assert known is not None
                 found += [[own[:, :, known.keys.index(key)] for own in known.values] for key in new]
                 continue
-            forces = None if h.kind.along_joints else closed_form(h.kind, single, context)
+            by_replay = h.kind.along_joints or (overrides(h.kind, "change_measured") and not robot.feet)
+            forces = None if by_replay else closed_form(h.kind, single, context)
             if forces is not None:
                 for key, force in zip(new, forces, strict=True):
                     there, of_logs = replace(h, location=key.place), np.split(force, ends[:-1])
