@@ -27,32 +27,32 @@ RECORD = ("research/", "contributing/")
 WIDE = ("reference/effects.md", "explanation/comparison.md")
 """Pages whose tables take the place of the table of contents."""
 LINK = re.compile(r"(?P<picture>!?)\[(?P<text>[^\]]*)\]\((?P<target>[^)\s]+)\)")
-COMMAND_WIDTH = 100
+COMMAND_WIDTH = 80
 
 COMMAND = """# Command
 
-*For users of the command. Every command with every option; made from `leapgap --help`.*
+*For users of the command. After this page you know every command and option; made from `leapgap --help`.*
 
 Exit code 0: done. Exit code 2: bad input, with one message that says where, what was found, what was expected and
 what to do. Exit code 130: stopped by Ctrl-C. Lengths are in m, angles in rad, times in s, forces in N, torques in N·m.
 """
 EFFECTS = """# Effects
 
-*For everybody who reads a report. What each effect is called, what its number means, and whether it is on by default.*
+*For everybody who reads a report. After this page you know what each effect is, and what its number means.*
 
 `leapgap effects robot.xml` prints the same with the nominal value and the range that is searched on *your* robot. *Own*
-is the value that the model file states. *Default*: looked for in every diagnosis. *Named*: looked for with `--effects`;
+is the value that the model file states. *Default*: searched in every diagnosis. *Named*: searched with `--effects`;
 [restrict or extend the search](../how-to/choose_effects.md) says how. [Effect signatures](../research/signatures.md)
 shows how each looks in a motion. How exactly each is simulated stands in the [research record](../research/effects.md).
 
 <div class="second-wide" markdown>
 
-| effect | what it is | parameter, unit | nominal | acts at | looked for |
+| effect | what it is | parameter, unit | nominal | acts at | searched |
 |---|---|---|---|---|---|
 """
 SETTINGS = """# Settings
 
-*For users who want another search or other thresholds. All settings of a diagnosis, with their defaults.*
+*For users who want another search or other thresholds. After this page you can change every setting of a diagnosis.*
 
 On the command line they are a JSON or YAML file with what differs (`leapgap diagnose … --settings settings.yaml`), in
 Python `lg.Settings(…)`, in the pipeline the section `diagnose.settings`. Made from the dataclasses in the code.
@@ -90,7 +90,9 @@ def command_page() -> str:
     parts = [COMMAND]
     (commands,) = (action for action in cli.parser()._actions if isinstance(action, argparse._SubParsersAction))
     for name, parser in commands.choices.items():
-        parser.formatter_class = lambda prog: argparse.HelpFormatter(prog, width=COMMAND_WIDTH, max_help_position=30)
+        parser.formatter_class = lambda prog: argparse.RawDescriptionHelpFormatter(
+            prog, width=COMMAND_WIDTH, max_help_position=26
+        )
         text = parser.format_help().replace(cli.UNITS, "").strip()
         parts.append(f"## leapgap {name}\n\n```text\n{text}\n```\n")
     return "\n".join(parts)

@@ -1,4 +1,4 @@
-"""A long computation that says nothing is said to be running, and one that talks is not."""
+"""A long computation that says nothing is said to be running, and its steps say how long they may take."""
 
 import time
 
@@ -12,7 +12,7 @@ def test_silence_is_broken_and_talk_is_passed_on() -> None:
     with still_running(lines.append, silence_s=0.2) as tell:
         tell("begun")
         time.sleep(0.5)
-    assert lines == ["begun", *["still running, 0 min so far"] * 2]
+    assert lines == ["begun", *["still running; 1 s so far"] * 2]
 
 
 def test_nothing_is_added_between_lines_nor_after_the_end() -> None:
@@ -24,3 +24,34 @@ def test_nothing_is_added_between_lines_nor_after_the_end() -> None:
         raise KeyError
     time.sleep(0.4)
     assert lines == ["a step"] * 6
+
+
+def test_each_step_says_how_long_all_of_them_will_take_at_least() -> None:
+    """By hand: after one of four steps in 20 s, 60 s remain; after three in 240 s, 80 s."""
+    lines: list[str] = []
+    now = 100.0
+    with still_running(lines.append, clock=lambda: now) as tell:
+        tell("step 1 of 4, checks")
+        now = 120.0
+        tell("step 2 of 4, search")
+        tell("a cause")
+        now = 340.0
+        tell("step 4 of 4, report")
+    assert lines == [
+        "step 1 of 4, checks",
+        "step 2 of 4, search; 20 s so far, at least 60 s more",
+        "a cause",
+        "step 4 of 4, report; 4 min so far, at least 80 s more",
+    ]
+
+
+def test_an_estimate_that_has_passed_is_no_longer_said() -> None:
+    lines: list[str] = []
+    now = 0.0
+    with still_running(lines.append, silence_s=0.0, clock=lambda: now) as tell:
+        now = 30.0
+        tell("step 2 of 2, search")
+        now = 600.0
+        time.sleep(0.1)
+    assert lines[0] == "step 2 of 2, search; 30 s so far, at least 30 s more"
+    assert lines[-1] == "still running; 10 min so far"

@@ -154,7 +154,7 @@ def diagnose(
 ) -> Report:
     """Where the simulation differs from the logs, which effect causes it, and how far the gap shrinks with it.
 
-    Of a folder, logs that cannot be used are set aside, and so are, of any logs, those that depart from their fellows;
+    Of a folder, logs that cannot be used are set aside, and so are, of any logs, those that differ from the others;
     the report names them. ``robot`` is a MuJoCo model, ``settings`` those that were validated unless others are given.
     ``effects`` limits the search, as ``--effects`` does: names that ``leapgap effects`` lists, or classes of your own;
     empty: those that are on by default. ``without`` leaves effects out, and ``also`` adds classes of your own to those

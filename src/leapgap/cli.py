@@ -23,7 +23,33 @@ DESCRIPTION = "Find out why a robot does not move as its MuJoCo simulation does.
 IMPORT, REPLAY, DEMO, NET = "leapgap import", "leapgap replay", "leapgap demo", "leapgap actuator-net"
 """Commands, as the markers of their output folders name them."""
 MOST_THREADS = 1024
-UNITS = "Units: m, rad, s, N, N·m. Exit code 2: bad input, with a message that says what to do."
+UNITS = "Units: m, rad, s, N, N·m.\nExit code 2: bad input, with a message that says what to do."
+EXAMPLES = {
+    "diagnose": (
+        "leapgap diagnose logs robot.xml --out report",
+        "leapgap diagnose logs robot.xml --effects joint_friction,joint_damping --threads 4",
+    ),
+    "judge": (
+        "leapgap judge report further_logs",
+        "leapgap judge identified.xml further_logs --nominal robot.xml",
+    ),
+    "compare": ("leapgap compare logs_before logs_after robot.xml",),
+    "actuator-net": ("leapgap actuator-net logs robot.xml --out networks --report report",),
+    "consequence": ("leapgap consequence report --policy policy.onnx --map policy.yaml",),
+    "check": ("leapgap check logs robot.xml",),
+    "replay": (
+        "leapgap replay logs report/corrected --out replays",
+        "leapgap replay logs robot.xml --effect joint_damping@elbow:damping=0.4 --out replays",
+    ),
+    "import": (
+        "leapgap import --guess my_logs robot.xml > map.yaml",
+        "leapgap import my_logs robot.xml --options map.yaml --out logs",
+    ),
+    "effects": ("leapgap effects robot.xml",),
+    "report": ("leapgap report report --no-browser",),
+    "demo": ("leapgap demo --number 4",),
+}
+"""Of each command, calls of it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -59,12 +85,15 @@ def tell(text: object, to: TextIO | None = None) -> None:
 
 def parser() -> argparse.ArgumentParser:
     """All commands and their options."""
-    top = Parser(prog="leapgap", description=DESCRIPTION, epilog=UNITS)
+    lines = argparse.RawDescriptionHelpFormatter
+    further = "\n\n'leapgap COMMAND --help' has the options of a command, with examples."
+    top = Parser(prog="leapgap", description=DESCRIPTION, epilog=f"{UNITS}{further}", formatter_class=lines)
     top.add_argument("--version", action=Version, nargs=0, help="print the version and end")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def command(name: str, run: Any, says: str) -> argparse.ArgumentParser:
-        added = commands.add_parser(name, help=says, description=says, epilog=UNITS)
+        examples = "\n".join(["examples:", *(f"  {example}" for example in EXAMPLES[name]), "", UNITS])
+        added = commands.add_parser(name, help=says, description=says, epilog=examples, formatter_class=lines)
         added.set_defaults(run=run, parser=added)
         return added
 
@@ -100,18 +129,20 @@ def parser() -> argparse.ArgumentParser:
     compare.add_argument("before", type=Path, help="folder of logs (*.parquet), two or more")
     compare.add_argument("after", type=Path, help="folder of logs after the change, two or more, of like motions")
     compare.add_argument(
-        "robot", type=Path, help="model of the robot (MJCF or URDF); what it is wrong by in both cancels"
+        "robot", type=Path, help="model of the robot (MJCF or URDF); its errors that are in both sets cancel"
     )
     judge_options(compare)
 
-    net = command("actuator-net", run_actuator_net, "train actuator networks from logs, judged beside named causes")
+    net = command(
+        "actuator-net", run_actuator_net, "train actuator networks from logs, and compare them with identified causes"
+    )
     net.add_argument("logs", type=Path, help="folder of logs (*.parquet), two or more, of one set of gains")
     net.add_argument("robot", type=Path, help="model of the robot (MJCF or URDF)")
     net.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the networks")
-    net.add_argument("--report", type=Path, metavar="DIR", help="report whose causes are judged beside the networks")
+    net.add_argument("--report", type=Path, metavar="DIR", help="report whose causes the networks are compared with")
     net.add_argument("--history", type=count, default=3, metavar="N", help="steps that a network sees: 3")
     net.add_argument("--step", type=float, default=0.005, metavar="S", help="length of a step, s: 0.005")
-    net.add_argument("--quiet", action="store_true", help="print the errors and nothing on the way")
+    net.add_argument("--quiet", action="store_true", help="print the errors only, no progress")
     robot_options(net)
 
     policy = command("consequence", run_consequence, "say what each cause of a report does to a policy")
@@ -119,11 +150,11 @@ def parser() -> argparse.ArgumentParser:
     policy.add_argument("--policy", type=Path, required=True, metavar="FILE", help="policy as ONNX or TorchScript")
     policy.add_argument("--map", type=Path, required=True, metavar="FILE", help="what its numbers are, YAML or JSON")
     policy.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON, too")
-    policy.add_argument("--quiet", action="store_true", help="print the result and nothing on the way")
+    policy.add_argument("--quiet", action="store_true", help="print the result only, no progress")
 
     check = command("check", run_check, "check time stamps and consistency of logs, in seconds")
     check.add_argument("logs", type=Path, help="folder of logs in leapgap's format (*.parquet)")
-    check.add_argument("robot", type=Path, nargs="?", help="model of the robot: enables the checks that need one")
+    check.add_argument("robot", type=Path, nargs="?", help="model of the robot, for the checks that need one")
 
     robot_options(check)
 
@@ -166,7 +197,7 @@ def parser() -> argparse.ArgumentParser:
     report.add_argument("folder", type=Path, help="folder that 'leapgap diagnose --out' wrote")
     report.add_argument("--no-browser", action="store_true", help="do not open the page")
 
-    demo = command("demo", run_demo, "diagnose a simulated robot with a hidden fault; about a minute")
+    demo = command("demo", run_demo, "diagnose a simulated robot with a hidden fault; a minute or two")
     demo.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for logs and report: demo")
     demo.add_argument("--number", type=int, default=3, metavar="N", help="which robot; each has another fault: 3")
     demo.add_argument("--no-browser", action="store_true", help="do not open the page")
@@ -176,9 +207,9 @@ def parser() -> argparse.ArgumentParser:
 def judge_options(command: argparse.ArgumentParser) -> None:
     """Options that ``judge`` and ``compare`` share."""
     command.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON, too")
-    command.add_argument("--settings", type=Path, metavar="FILE", help="settings of a diagnosis that differ, as JSON")
-    command.add_argument("--threads", type=count, metavar="N", help="threads to use; none: all cores")
-    command.add_argument("--quiet", action="store_true", help="print the result and nothing on the way")
+    command.add_argument("--settings", type=Path, metavar="FILE", help="file of settings that differ, JSON or YAML")
+    command.add_argument("--threads", type=count, metavar="N", help="number of threads; default: all cores")
+    command.add_argument("--quiet", action="store_true", help="print the result only, no progress")
     robot_options(command)
 
 
@@ -259,9 +290,10 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
         robot = load_robot(chosen)
         progress(f"{robot.path.name}: {robot.step_and_integrator}")
         report = api.diagnose(chosen.logs, robot, settings, effects, progress, chosen.threads, without=without)
-    tell(report)
-    if chosen.out is not None:
-        print_written(report.save(chosen.out, chosen.viewer))
+        tell(f"\n{report}" if not chosen.quiet else report)
+        if chosen.out is not None:
+            progress("step 4 of 4, report")
+            print_written(report.save(chosen.out, chosen.viewer))
 
 
 def names_in(text: str | None) -> list[str]:
@@ -311,7 +343,9 @@ def run_actuator_net(chosen: argparse.Namespace) -> None:
     from leapgap.simulation.corrected import read_corrected
 
     if find_spec("lightning") is None or find_spec("onnx") is None:
-        raise InputError("actuator-net", "no Lightning", "the extra learning", 'pip install "leapgap[learning]"')
+        raise InputError(
+            "import of lightning", "no such package", "the extra learning", "pip install 'leapgap[learning]'"
+        )
     if not 1e-5 <= chosen.step <= 1.0:
         raise InputError("--step", f"{chosen.step:g} s", "0.00001 to 1 s", "name the physics step of your simulator")
     from leapgap.learning.actuator_network import train_networks
@@ -467,8 +501,8 @@ def import_line(log: Any) -> str:
     follows = log.info.extra.get("follows", {}).items()
     notes += [f"{joint} is not in the file: it follows {other}, to which the model ties it" for joint, other in follows]
     if not log.info.extra.get("gains", {}).get("known", True):
-        notes.append("gains of the joint PD unknown: those in the log are a start")
-    head = f"{log.name}: {len(log)} rows, {log.time[-1]:.3f} s, mean step {1e3 * log.info.sample_period_s:.4g} ms"
+        notes.append("gains of the joint PD unknown: those in the log are a first guess")
+    head = f"{log.name}: {len(log)} samples, {log.time[-1]:.3f} s, mean step {1e3 * log.info.sample_period_s:.4g} ms"
     return "; ".join([head, *notes])
 
 
@@ -519,11 +553,12 @@ def run_demo(chosen: argparse.Namespace) -> None:
     check_output(report_folder, SAVED_BY, kept=True)
     hiding = demo.simulate(chosen.number)
     write_all(hiding.logs, logs_folder, DEMO)
-    tell(f"robot {chosen.number} has moved: {len(hiding.logs)} logs in {logs_folder}; one effect is hidden in it")
+    tell(f"simulated robot {chosen.number} with a hidden fault: {len(hiding.logs)} logs in {logs_folder}")
     with still_running(tell) as progress:
         report = api.diagnose(logs_folder, hiding.robot, progress=progress)
-    tell(f"\n{report}\n\nhidden was {hiding.answer}")
-    print_written(report.save(report_folder))
+        tell(f"\n{report}\n\nhidden was {hiding.answer}\n")
+        progress("step 4 of 4, report")
+        print_written(report.save(report_folder))
     if not chosen.no_browser:
         open_page(report_folder / "report.html")
 

@@ -3,9 +3,9 @@
 An arm of two joints differs from its model by one to three faults, drawn from friction, damping, armature and mass at
 either joint. A correction makes right changes, some of its faults, and wrong ones: a number that is not at fault, or a
 fault at a third or three times its size. A pair of sets shares all faults; in half of the pairs one more acts after.
-Rules, fixed before any case was drawn: a right change is doubted if it is not told ``supported``, and one that is ``not
-told`` counts for neither side; a wrong one is told if it is neither ``supported`` nor ``not told``. A change is named
-if the first one named has its effect and joint; an armature for a mass of the same link, or the reverse, is not.
+Rules, fixed before any case was drawn: a right change is doubted if it is not told ``supported``, and one that is
+``undecided`` counts for neither side; a wrong one is told if it is neither ``supported`` nor ``undecided``. A change is
+named if the first one named has its effect and joint; an armature for a mass of the same link, or the reverse, is not.
 Run as ``python -m tests.benchmarks.referee --json <file>``; ``--cases N`` of each; three minutes for the default.
 """
 
@@ -119,9 +119,9 @@ def main() -> None:
         figures = {
             "right": len(right),
             "right_supported": right.count("supported"),
-            "right_doubted": len(right) - right.count("supported") - right.count("not told"),
+            "right_doubted": len(right) - right.count("supported") - right.count("undecided"),
             "wrong": len(wrong),
-            "wrong_told": len(wrong) - wrong.count("supported") - wrong.count("not told"),
+            "wrong_told": len(wrong) - wrong.count("supported") - wrong.count("undecided"),
             "changed": len(changed),
             "change_first": sum(one["first"] for one in changed),
             "same": len(same),

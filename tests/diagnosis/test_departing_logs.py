@@ -44,10 +44,10 @@ def degrees() -> dict[str, np.ndarray]:
 @pytest.mark.parametrize(
     ("harmed", "says"),
     [
-        (spike("joint_pos/hip", 0.6), "joint_pos/hip leaves its course for a few rows"),
-        (spike("joint_vel/hip", -60.0), "joint_vel/hip leaves its course for a few rows"),
-        (spike("cmd_kp/hip", 30.0), "cmd_kp/hip leaves its course for a few rows"),
-        (spike("tau/knee", 400.0), "tau/knee leaves its course for a few rows"),
+        (spike("joint_pos/hip", 0.6), "joint_pos/hip has a spike of a few samples"),
+        (spike("joint_vel/hip", -60.0), "joint_vel/hip has a spike of a few samples"),
+        (spike("cmd_kp/hip", 30.0), "cmd_kp/hip has a spike of a few samples"),
+        (spike("tau/knee", 400.0), "tau/knee has a spike of a few samples"),
         (degrees(), "positions and set points of its joints are"),
         ({"tau/hip": 1e3 * arm_log(1)["tau/hip"]}, "tau/hip is 1e+03 times what belongs to it"),
     ],
@@ -170,7 +170,7 @@ def test_a_piece_of_another_log_is_left_out(rows: slice) -> None:
     logs = swings()
     logs[0] = {name: values[rows].copy() for name, values in logs[3].items()}
     logs[0]["time"] -= logs[0]["time"][0]
-    assert left_out(logs) == {"log_0": "its rows are rows of log_3: a piece says nothing more"}
+    assert left_out(logs) == {"log_0": "it is a part of log_3, which says nothing more"}
 
 
 def test_a_second_run_of_the_same_commands_is_no_copy() -> None:
@@ -228,10 +228,10 @@ def test_a_diagnosis_goes_on_and_names_what_it_left_out(tmp_path: Path, capsys: 
     assert main(call) == 0
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert sorted(report["set_aside"]) == ["swing_1.parquet", "swing_3"]
-    assert "joint_pos/elbow leaves its course" in report["set_aside"]["swing_3"]
+    assert "joint_pos/elbow has a spike" in report["set_aside"]["swing_3"]
     assert sorted(report["gap_per_log"]) == ["swing_0", "swing_2", "swing_4"]
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "Left out: swing_3: joint_pos/elbow leaves" in page and "Left out: swing_1.parquet" in page
+    assert "Left out: swing_3: joint_pos/elbow has a spike" in page and "Left out: swing_1.parquet" in page
     assert report["answer"] == [["joint_damping"]]
     assert "left out swing_3" in capsys.readouterr().out
 

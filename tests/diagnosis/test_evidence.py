@@ -146,7 +146,7 @@ def test_feet_that_stand_still_tell_the_mass_unless_their_forces_are_not_in_newt
         assert not found["payload.mass_kg"].held
     else:
         assert "payload.mass_kg" not in found
-        assert found["weight_borne"].says.endswith("their forces are not in newtons, so they tell nothing of its mass")
+        assert found["weight_borne"].says.endswith("their forces are not in newtons, so they do not show its mass")
 
 
 def test_logs_without_a_base_say_nothing(robot: Robot, true_model: mujoco.MjModel) -> None:

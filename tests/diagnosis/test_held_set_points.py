@@ -26,7 +26,7 @@ def test_set_points_that_are_coarser_in_the_log_are_read_on_lines(effects: dict,
     logs = pd_arms.logs(Truth(points_s=0.02, line="ahead", logged_s=0.02, **effects))
     result = checked(logs, tmp_path)
     assert result is not None and not result.passed and result.statistic == pytest.approx(1.0, abs=0.3)
-    assert result.says.startswith("set points stand for 4 rows (20 ms) at a time while the robot goes on (")
+    assert result.says.startswith("set points are held for 4 samples (20 ms) at a time while the robot goes on (")
     assert "to the next one" in result.says or effects
     fine = pd_arms.logs(Truth(points_s=0.02, line="ahead", **effects))
     for read, true in zip(as_read(logs, [result]), fine, strict=True):
@@ -45,7 +45,7 @@ def test_set_points_that_stand_in_the_robot_too_are_left_as_they_are(effects: di
     """A policy at 50 Hz above a drive at 200 Hz."""
     result = checked(pd_arms.logs(Truth(points_s=0.02, logged_s=0.02, **effects)), tmp_path)
     assert result is not None and result.passed and result.reads is None
-    assert result.says.startswith("set points stand for 4 rows (20 ms) at a time")
+    assert result.says.startswith("set points are held for 4 samples (20 ms) at a time")
     assert effects or "and so they do in the robot" in result.says
 
 

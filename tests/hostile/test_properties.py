@@ -55,7 +55,7 @@ def read_table(name: str, path: Path) -> None:
     """Read a file as a table, as an import does; ``InputError`` is all that may be raised."""
     layout = log_format(name)
     try:
-        with decoding(path, name, "export it anew"):
+        with decoding(path, name, "export it again"):
             table = layout.table(path, layout.Options())  # type: ignore[attr-defined]
             assert all(isinstance(column, str) for column in table.columns)
     except InputError as refusal:

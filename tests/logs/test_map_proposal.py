@@ -114,7 +114,7 @@ def test_without_positions_the_unit_of_velocities_is_missing(arm: Robot, tmp_pat
     assert "units" not in options
     assert "joint_vel/*" not in options["columns"]
     absent = text.partition("Not in the logs, or left out:")[2]
-    assert "measured velocities: left out, their unit shows beside positions" in absent
+    assert "measured velocities: left out, their unit is unknown without positions" in absent
 
 
 def test_a_joint_that_counts_backwards_is_found_by_its_limits(arm: Robot, tmp_path: Path) -> None:

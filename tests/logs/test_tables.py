@@ -307,7 +307,7 @@ csv:
     command = ("import", tmp_path / "logs", tmp_path / "two.xml", "--out")
     assert main([str(one) for one in (*command, tmp_path / "x", "--options", tmp_path / "map.yaml")]) == 0
     said = capsys.readouterr().out
-    assert "a: 50 rows, 0.490 s, mean step 10 ms; joint_vel: not measured" in said
+    assert "a: 50 samples, 0.490 s, mean step 10 ms; joint_vel: not measured" in said
     options = ("--format", "csv", "--options", tmp_path / "map.json")
     assert main([str(one) for one in (*command, tmp_path / "y", *options)]) == 0
     assert (tmp_path / "x" / "a.parquet").read_bytes() == (tmp_path / "y" / "a.parquet").read_bytes()

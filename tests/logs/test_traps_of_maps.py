@@ -83,7 +83,7 @@ def test_a_joint_that_tells_no_sign_is_turned_with_the_others(arm: Robot, tmp_pa
     columns[f"q_des_{ARM[2]}"] = 0.3 + 0 * columns["t"]
     found = propose_map(write_table(tmp_path / "a.csv", columns), arm)
     assert found.options["factors"]["cmd_pos/*"] == -1.0
-    assert any(f"and with them {ARM[2]}, which tell no sign" in one for one in found.proposal.notes_of(GUESSED))
+    assert any(f"and with them {ARM[2]}, of unknown sign" in one for one in found.proposal.notes_of(GUESSED))
 
 
 def test_joints_that_move_alike_keep_their_columns(arm: Robot, tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_torques_that_nobody_measured_are_left_out(arm: Robot, tmp_path: Path) -
     columns = moved() | {f"tau_{joint}": np.zeros(len(moved()["t"])) for joint in ARM}
     found = propose_map(write_table(tmp_path / "a.csv", columns), arm)
     assert "tau/*" not in found.options["columns"]
-    assert "measured torques: left out, they are 0 in all rows" in found.proposal.notes_of(ABSENT)
+    assert "measured torques: left out, they are 0 in all samples" in found.proposal.notes_of(ABSENT)
 
 
 def test_positions_counted_from_a_pose_are_asked_about(tmp_path: Path) -> None:

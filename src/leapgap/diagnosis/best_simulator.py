@@ -1,4 +1,4 @@
-"""The best simulator: all effects fitted together, for whoever wants replays that are right rather than causes.
+"""The best simulator: all effects fitted together, for prediction rather than causes.
 
 An answer names few causes, each of which the logs force upon us. What they leave is spread over many numbers, none of
 which stands out. Here all effects are fitted at once, drawn towards the nominal robot by their usual sizes, and what

@@ -213,14 +213,14 @@ class Comparison:
         lines = [f"{self.logs[0]} logs before, {self.logs[1]} after"]
         lines += [f"changed: {', or '.join([one.says, *one.rivals])}" for one in self.changed]
         if self.unknown_change:
-            lines.append("changed: something without a name acts after, and not before")
+            lines.append("changed: an unmodelled cause acts after, and not before")
         if self.varying:
             lines.append(f"differs from log to log within the sets, hence no change: {', '.join(self.varying)}")
         if self.unnamed[0] > UNNAMED:
-            lines.append("something without a name acts before, so that no change can be named")
-        lines += [f"a guess, that may stand in for it: {one.says}" for one in self.guesses]
+            lines.append("an unmodelled cause acts before, so that no change can be named")
+        lines += [f"a guess that may stand in for it: {one.says}" for one in self.guesses]
         if not self.changed and max(self.unnamed) <= UNNAMED:
-            lines.append("nothing changed that these logs tell; they would have shown")
+            lines.append("no change was found; these logs would have shown")
             lines += [f"  {label} ({size})" for label, size in self.smallest.items()]
         return "\n".join(lines)
 
@@ -240,16 +240,18 @@ def compare_logs(
     sets = [(f"{name}: {log.name}", log) for name, own in ((BEFORE, before), (AFTER, after)) for log in own]
     logs = [replace(log, name=name) for name, log in sets]
     of = RefereedLogs.of("compare", logs, robot, settings or Settings(), threads)
-    progress(f"{len(before)} logs before, {len(after)} after")
-    point = of.bench.nominal()
-    later = point.evidence.blocks.log >= len(before)
+    progress(f"step 1 of 2, what all logs share: {len(before)} logs before, {len(after)} after")
+    nominal = of.bench.nominal()
+    later = nominal.evidence.blocks.log >= len(before)
     # Each fold leaves out logs of both sets.
     fold = np.concatenate([np.arange(len(before)), np.arange(len(after))]) % min(len(before), len(after), 4)
-    shared = Search(of.bench, of.folds, lambda line: progress(f"in all logs: {line}")).ascend(point)[-1].point
-    told = Told.of(Paired(of.bench, shared, later, fold[point.evidence.blocks.log]).with_all())
+    shared = Search(of.bench, of.folds, lambda line: progress(f"in all logs: {line}"))
+    point = shared.ascend(shared.judge(nominal)).point
+    told = Told.of(Paired(of.bench, point, later, fold[point.evidence.blocks.log]).with_all())
     names = frozenset(log.name for log in logs[len(before) :])
     differences = [Difference.of(h, names) for h in of.bench.hypotheses]
     varying: list[str] = []
+    progress("step 2 of 2, changes")
     while len(told.differences) < MOST_CAUSES and len(varying) < MOST_CAUSES:
         known = {told.members[m].label for m in told.differences}
         left = [h for h in differences if h.label not in known and h.name not in varying]

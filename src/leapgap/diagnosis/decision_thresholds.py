@@ -8,11 +8,11 @@ class DecisionThresholds:
     """Thresholds of the decision."""
 
     rival_share: float = 0.05
-    """A rival that is best in this share of the resamples cannot be told apart."""
+    """A rival that is best in this share of the resamples cannot be separated."""
     most_left: float = 1.3
-    """Largest mean over pieces of χ² over its expectation at which noise explains the rest of short replays.
+    """Largest mean over segments of χ² over its expectation at which noise explains the rest of short replays.
 
-    Where it leaves more, it must close ``enough_closure`` of the headline gap on held-out logs, or
+    Where it leaves more, it must explain ``enough_closure`` of the headline gap on held-out logs, or
     ``least_closure`` of it and explain ``least_explained`` of the log likelihood that noise does not.
     """
     least_explained: float = 0.8
@@ -23,7 +23,7 @@ class DecisionThresholds:
     They explain the whole gap where they close so much of it; 0: they are never fitted."""
     most_left_named: float = 5.0
     """Largest median over short segments of χ² over its expectation, with tolerances fitted, that a cause may leave
-    which closes less than ``enough_jointly``. Causes that were right left 1.0 to 1.1, one that stood for another 28."""
+    which explains less than ``enough_jointly``. Right causes left 1.0 to 1.1, one that stood for another 28."""
     least_known: float = 7.5
     """Of several causes each differs from nominal by so many standard deviations of its fit, but the best known one.
     Among 150 sealed cases the 56 causes of such answers that acted had 8.2 and more, and 15 of the 23 that did not had
@@ -33,11 +33,11 @@ class DecisionThresholds:
     by so many standard deviations. Of 198 sealed cases the seven such answers whose causes acted have 19 and more,
     one with a cause too many has 13, and three that stand for a cause that was struck have 8.1 to 11.8."""
     partly_closure: float = 0.2
-    """Causes that are believed and explain too little are called ``partly`` where they close this share of the
+    """Causes that are likely and explain too little are called ``partly`` where they explain this share of the
     headline gap on held-out logs, and surely some of it."""
     most_whole_gap: float = 5.0
-    """Largest gap of whole logs, in noise floors, of which a named answer may close less than ``partly_closure``. Of
-    396 sealed cases right answers that closed so little had 2.7 and less; one for an unmodelled cause had 11."""
+    """Largest gap of whole logs, in noise floors, of which a named answer may explain less than ``partly_closure``. Of
+    396 sealed cases right answers that explained so little had 2.7 and less; one for an unmodelled cause had 11."""
     most_worsened: float = 0.02
     """A further cause that widens the headline gap on held-out logs by a larger share is rejected, whatever it gains in
     short replays."""

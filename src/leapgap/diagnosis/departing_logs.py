@@ -110,7 +110,7 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], list[SetAside]]:
         for of in kept:
             how = alike(log, of)
             if how is None and is_piece(rows[log.name], rows[of.name]):
-                how = f"its rows are rows of {of.name}: a piece"
+                how = f"it is a part of {of.name}, which"
             if how is not None:
                 copies[log.name] = SetAside(log.name, f"{how} says nothing more")
                 break
@@ -401,7 +401,7 @@ def turned_round(logs: Sequence[Log]) -> list[str]:
 
 STATISTICS = (
     Statistic(magnitudes, 15.0, 6.3, "positions and set points of its joints are {value} rad, those of others {usual}"),
-    Statistic(spikes, 10.0, 1.0, "{channel} leaves its course for a few rows, {value} times what counts as a spike"),
+    Statistic(spikes, 10.0, 1.0, "{channel} has a spike of a few samples, {value} times what counts as one"),
     Statistic(tracking_errors, 10.0, 0.3, "{channel} is {value} rad from its set point, in the other logs {usual}"),
     Statistic(
         torque_ratios, 5.0, 1.0, "{channel} is {value} times what belongs to it, in the other logs {usual} times"
@@ -411,7 +411,7 @@ STATISTICS = (
         torque_residuals,
         10.0,
         0.3,
-        "measured and commanded torque of {channel} differ in a row by {value} times their size, in the others {usual}",
+        "measured and commanded torque of {channel} differ by {value} times their size, in the other logs by {usual}",
     ),
     Statistic(still_rows, 1.3, 0.5, "{channel} stands still while it is asked to move, and moves in the other logs"),
 )

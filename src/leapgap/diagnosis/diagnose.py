@@ -197,7 +197,7 @@ def prepare(
         checks = [one if one.reads is not None else again.get(one.name, one) for one in checks]
     draws = settings.noise_draws_of(sum(judged.rows))
     heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, draws, settings.bootstrap_draws, rng)
-    progress(f"step 1 of 3, checks and replays: {len(logs)} logs, {sum(judged.rows)} samples are judged")
+    progress(f"step 1 of 4, checks and replays: {len(logs)} logs, {sum(judged.rows)} samples are judged")
     for force in outside.forces:
         progress(f"external force: {force.says}")
     if clock is not None:
@@ -236,7 +236,7 @@ def find_answer(
     pieces = partial(ShortRollouts.of, judged.states, ready.replayer, settings.horizon_s, settings.every_s)
     # Logs by their own clock are judged by a joint fit; beside it, single causes by half of the pieces show rivals.
     plan = settings.plan if clock is None else replace(settings.plan, most_causes=1)
-    progress(f"step 2 of 3, search: {len(hypotheses)} hypotheses (an effect at a location) on short segments")
+    progress(f"step 2 of 4, search: {len(hypotheses)} hypotheses (an effect at a location) on short segments")
     counts = (most, (most + 1) // 2) if clock is None else ((most + 1) // 2, (most + 3) // 4)
     whole, coarse = map(pieces, counts)
     result = find_causes(whole, coarse, hypotheses, settings.tolerances, ready.heldout_gap.folds, plan, progress)
@@ -244,7 +244,7 @@ def find_answer(
         result.selected, settings.noise_draws_of(sum(judged.rows)), np.random.default_rng(settings.seed)
     )
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
-    progress(f"step 3 of 3, rivals and whole logs: gap {gap:.3f}, noise floor {floor:.3f}")
+    progress(f"step 3 of 4, rivals and whole logs: gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
     told, of_pieces = (evidence, whitened(pieces(most))) if clock is not None else ((), result.short or whitened(whole))
     near = result.selected if clock is None else None
@@ -273,20 +273,20 @@ def answer_by_evidence(
 ) -> FoundAnswer:
     """The answer of the engine: one evidence of all sets of effects, and of a force without a name beside them."""
     judged, gap = ready.judged, ready.heldout_gap
-    hypotheses = list_hypotheses(kinds_by_evidence(kinds, judged.robot, settings), judged.robot, clock_of(ready.checks))
+    hypotheses = list_hypotheses(kinds_by_evidence(kinds, settings), judged.robot, clock_of(ready.checks))
     bench = Bench(hypotheses, settings.tolerances, judged.states, ready.replayer)
     search = Search(bench, gap.folds, progress)
-    progress(f"step 2 of 3, search: {len(hypotheses)} hypotheses (an effect at a location)")
-    judgement = conclude(search, search.explore(), gap)
+    progress(f"step 2 of 4, search: {len(hypotheses)} hypotheses (an effect at a location)")
+    judgement = conclude(search, *search.explore(), gap)
     draws = settings.noise_draws_of(sum(judged.rows))
     gap = gap.at_stable_horizon(judgement.selected, draws, np.random.default_rng(settings.seed))
     told = gather([states.log for states in judged.whole], judged.robot)
     return FoundAnswer(judgement, gap, told, None, None)
 
 
-def kinds_by_evidence(kinds: Sequence[type[Effect]], robot: Robot, settings: Settings) -> list[type[Effect]]:
-    """The chosen effects, and on a held robot all that it can have, where the settings name none."""
-    if settings.effects or robot.has_free_base:
+def kinds_by_evidence(kinds: Sequence[type[Effect]], settings: Settings) -> list[type[Effect]]:
+    """The chosen effects, and all that a robot can have, where the settings name none."""
+    if settings.effects:
         return list(kinds)
     known = (kind for kind in effects.known().values() if kind.name not in settings.without)
     return list(dict.fromkeys([*kinds, *(kind for kind in known if not overrides(kind, "change_step"))]))
@@ -312,15 +312,14 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
     for key, named in (("effects", settings.effects), ("without", settings.without)):
         unknown = [name for name in named if name not in kinds]
         if unknown:
-            expected = f"names among {', '.join(kinds)}"
             nearest = (did_you_mean(name, kinds) for name in unknown)
             do = " ".join(filter(None, nearest)) or "list the names: leapgap effects"
-            raise InputError(key, ", ".join(unknown), expected, do)
+            raise InputError(key, ", ".join(unknown), "names that 'leapgap effects' lists", do)
     names = [*(settings.effects or effects.by_default()), *(kind.name for kind in own)]
     without = {kinds[name] for name in settings.without}
     found = [kind for kind in dict.fromkeys(kinds[name] for name in names) if kind not in without]
     if not found:
-        raise InputError("without", "every effect", "some that are looked for", "leave out fewer")
+        raise InputError("without", "every effect", "some that are searched", "leave out fewer")
     return found
 
 

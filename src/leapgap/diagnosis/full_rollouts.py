@@ -112,7 +112,7 @@ class FullRollouts:
     def search(self, first: Candidate, hypotheses: Sequence[Hypothesis], rival_share: float) -> list[FullRolloutCause]:
         """Fit the first cause, then add one cause after the other while it is convincing.
 
-        A rival that is best in ``rival_share`` of the resamples cannot be told apart.
+        A rival that is best in ``rival_share`` of the resamples cannot be separated.
         """
         draws = self.heldout_gap.draws
         causes = [FullRolloutCause(self.fit(first.hypotheses, first.numbers), first.names, 1.0)]

@@ -13,6 +13,9 @@ from leapgap.robot.model import Robot
 NEAR_BOUND = 0.02
 """A fit is at the end of a range when its distance to it is a smaller share of the way there from nominal."""
 
+STEP, RUNGS = 2.0, 7
+"""Ratio of the numbers of a ladder, and how many there are at most to each side."""
+
 MOST_PARTS = 8
 """Largest number of parts of a robot, joints or joint groups, at each of which an effect gets a number of its own."""
 
@@ -66,6 +69,17 @@ class Hypothesis:
         """Departure from nominal with a noticeable influence on the motion, (numbers,)."""
         return np.array([p.moderate - p.nominal for p in self.parameters])
 
+    @property
+    def ladder(self) -> list[np.ndarray]:
+        """Numbers far from nominal, one number at a time, on the way to the ends of its range.
+
+        Each is a few times as far from nominal as the last, or nearer to zero where a factor goes there.
+        """
+        (nominal,), (moderate,), (lower,), (upper,) = self.nominal, np.abs(self.moderate), *self.bounds
+        found = [nominal + side * moderate * STEP**k for side in (-1, 1) for k in range(1, RUNGS)]
+        found += [(nominal - moderate) / STEP**k for k in range(RUNGS) if 0 < lower < nominal - moderate]
+        return [np.array([own]) for own in found if lower < own < upper]
+
     def on(self, log: str, numbers: np.ndarray) -> Effect:
         """The effect with these numbers on one log."""
         effect = self.kind(location=self.location, **self.values(log, numbers))
@@ -91,6 +105,13 @@ class Hypothesis:
         """Clip numbers to their ranges."""
         return np.clip(numbers, *self.bounds)
 
+    def near(self, numbers: np.ndarray, before: np.ndarray | None) -> np.ndarray:
+        """Numbers clipped to their ranges, and factors to one step from what they were ``before``."""
+        if before is not None:
+            factor = np.array([p.logarithmic for p in self.parameters])
+            numbers = np.where(factor, np.clip(numbers, before / STEP, before * STEP), numbers)
+        return self.clip(numbers)
+
     def allows(self, numbers: np.ndarray) -> bool:
         """Whether all numbers are within their ranges."""
         return bool((self.clip(numbers) == numbers).all())
@@ -105,10 +126,13 @@ class Hypothesis:
 
 def ran_out(parameter: Parameter, number: float) -> bool:
     """Whether a number is at an end of the parameter's range that is neither nominal nor physical."""
-    ends = [parameter.upper] if parameter.lower_is_physical else [parameter.lower, parameter.upper]
-    return any(
-        abs(number - end) < NEAR_BOUND * abs(end - parameter.nominal) for end in ends if end != parameter.nominal
+    nominal, ends = (
+        parameter.nominal,
+        [parameter.upper] if parameter.lower_is_physical else [parameter.lower, parameter.upper],
     )
+    if parameter.logarithmic:
+        number, nominal, *ends = np.log([max(number, parameter.lower), nominal, *ends]).tolist()
+    return any(abs(number - end) < NEAR_BOUND * abs(end - nominal) for end in ends if end != nominal)
 
 
 def places(kind: type[Effect], robot: Robot) -> dict[str, tuple[str, ...]]:

@@ -47,27 +47,27 @@ class JointFitSettings:
     first_steps: int = 4
     """Steps of all effects to short segments alone, which answer almost linearly."""
     all_steps: int = 4
-    """Largest number of steps to whole logs and pieces of the effects that pieces leave."""
+    """Largest number of steps to whole logs and segments of the effects that segments leave."""
     steps: int = 6
     """Largest number of steps of later fits, of fewer effects."""
     most_causes: int = 8
-    """Largest number of causes together, beside those that evidence tells."""
+    """Largest number of causes together, without those that consistency checks give."""
     least_sign: float = 3.0
-    """An effect that pieces know is taken away where the logarithm of their likelihood falls by less without it."""
+    """An effect that segments determine is taken away where their log likelihood falls by less without it."""
     least_gain: float = 6.0
-    """An effect without which the logarithm of the likelihood of whole logs and pieces falls by less is taken away."""
+    """An effect without which the log likelihood of whole logs and segments falls by less is taken away."""
     least_useful: float = 0.8
     """An effect is taken away where it helps on held-out logs in a smaller share of the resamples."""
     most_lost: float = 0.02
-    """Effects that help little stay where the gap of held-out logs closes less by this share without them."""
+    """Effects that help little stay where they explain less than this share of the gap of held-out logs."""
     least_part: float = 0.05
-    """Without a clock, an effect stays where the gap of held-out logs closes less without it by this share."""
+    """Without a clock, an effect stays where it explains this share of the gap of held-out logs."""
     least_share: float = 0.15
     """It stays as well where the logarithm of the likelihood falls without it by this share of its rise by all."""
     least_likelier: float = 40.0
     """On a held robot it stays as well where the logarithm of the likelihood falls without it by more, if held-out logs
     are surely nearer with it; and what a fit of all effects has found takes the place of what a search one by one has,
-    where it is likelier by more and closes more."""
+    where it is likelier by more and explains more."""
     clear_gain: float = 60.0
     """A further cause that gained so much in short segments is tried on whole logs even where noise explains their
     rest. Errors in the simulation of the causes before it give gains of up to 50."""

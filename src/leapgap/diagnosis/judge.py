@@ -26,7 +26,7 @@ from leapgap.effects.model_change import FIELDS, MOST, StatedChange
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
-SUPPORTED, ANOTHER, UNSUPPORTED, UNTOLD = "supported", "another number", "not supported", "not told"
+SUPPORTED, ANOTHER, UNSUPPORTED, UNTOLD = "supported", "another number", "not supported", "undecided"
 MODEL_ERROR = 0.1
 """Standard deviation of a share that no logs make smaller: simulations differ from robots."""
 SURE = 3.0
@@ -121,15 +121,15 @@ class Judgement:
             if one.instead:
                 lines.append(f"  {'':<{width}}  compensates for {one.instead}")
         lines += [] if self.changes else ["  the two models do not differ in anything that is judged"]
-        lines.append(f"acts besides: {', '.join(self.further) or 'nothing that is known'}")
+        lines.append(f"also acts: {', '.join(self.further) or 'no known effect'}")
         if self.unnamed > UNNAMED:
-            lines.append(f"something without a name acts, too ({self.unnamed:.0f} nats for each 0.1 s)")
+            lines.append(f"an unmodelled cause acts, too ({self.unnamed:.0f} nats for each 0.1 s)")
         lines += ["error        nominal  corrected  frozen robot"]
         for at in self.horizons:
             when = "whole logs" if at.horizon_s is None else f"after {at.horizon_s:g} s"
             lines.append(f"{when:<11}  {at.nominal:7.3f}  {at.corrected:9.3f}  {at.frozen:12.3f}")
         shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in [*self.remains.items()][:3])
-        return "\n".join([*lines, f"what remains of the error is of {shares}"])
+        return "\n".join([*lines, f"the remaining error is in {shares}"])
 
 
 def change_of_effect(effect: Effect, robot: Robot) -> StatedChange:
@@ -155,7 +155,7 @@ def judge_correction(
     logs_of = RefereedLogs.of("judge", logs, robot, settings or Settings(), threads)
     search = Search(logs_of.bench, logs_of.folds, progress)
     changes = [Change.of(one, robot) for one in stated]
-    progress(f"{len(logs)} logs, {len(changes)} changes")
+    progress(f"step 1 of 2, changes: {len(logs)} logs, {len(changes)} changes")
     start = logs_of.bench.nominal()
     if changes:
         start = logs_of.bench.moved(start.intervals, start.basis, tuple((change, np.ones(1)) for change in changes))
@@ -163,6 +163,7 @@ def judge_correction(
     told = [judge_change(search, found, len(changes), k) for k in range(len(changes))]
     further = zip(found.members, split_numbers(found.members, found.numbers), strict=True)
     whole = tuple(one.effect for one in stated)
+    progress("step 2 of 2, errors of replays")
     remains, horizons = logs_of.errors_left(whole)
     return Judgement(
         tuple(told),
@@ -189,7 +190,7 @@ def with_further(search: Search, found: Found, changes: Sequence[Change]) -> Fou
         best = max(tried, key=lambda one: one.worth, default=found)
         if best.worth <= found.worth:
             break
-        search.progress(f"besides: {best.members[-1].label}")
+        search.progress(f"also acts: {best.members[-1].label}")
         found = best
     return found
 

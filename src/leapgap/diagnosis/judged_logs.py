@@ -91,7 +91,7 @@ class JudgedLogs:
         in place of those that the logs ask for.
         """
         if not logs:
-            raise InputError("logs", "no log", "one or more", "import or collect logs first")
+            raise InputError("logs", "no log", "one or more", "convert your logs first: leapgap import")
         logged = logged_channels(logs, robot)
         if not logged:
             expected = "positions of the joints, or the state of the base, in every log"

@@ -29,7 +29,7 @@ class AtHorizon:
     nominal: float
     corrected: float
     frozen: float
-    """Of a robot that stays as it was at each start."""
+    """Of a robot that does not move from each start (baseline)."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class RefereedLogs:
         judged = JudgedLogs.of(logs, robot, settings.sizes)
         slots = max((len(log.info.terrain) for log in logs), default=0)
         replayer = Replayer(robot, max(1, slots), threads, sensors=judged.sensors.columns)
-        hypotheses = list_hypotheses(kinds_by_evidence(chosen_kinds(settings), robot, settings), robot, None)
+        hypotheses = list_hypotheses(kinds_by_evidence(chosen_kinds(settings), settings), robot, None)
         bench = Bench(hypotheses, tolerances_on(robot, settings), judged.states, replayer)
         return RefereedLogs(judged, bench, folds_of(len(logs), settings.folds))
 

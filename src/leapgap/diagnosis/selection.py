@@ -56,7 +56,7 @@ class SearchSettings:
     steps: int = 8
     """Largest number of Gauss–Newton steps; most sets converge earlier."""
     promising: int = 7
-    """Number of effects that, by half of the evidence, explain most beside the first; they are tried in all of it."""
+    """Number of effects that, by half of the evidence, explain most after the first; they are tried in all of it."""
     beams: int = 2
     """Number of sets of a round that the next round extends."""
     most_causes: int = 4

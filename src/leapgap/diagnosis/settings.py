@@ -36,13 +36,13 @@ class Settings:
     """Settings of a diagnosis: effects to look for, evidence, search and thresholds."""
 
     effects: list[str] = field(default_factory=list)
-    """Names of the hypotheses; empty: the known effects that are looked for by default (``Effect.by_default``)."""
+    """Names of the hypotheses; empty: the known effects that are searched by default (``Effect.by_default``)."""
     without: list[str] = field(default_factory=list)
-    """Names of effects that are not looked for; the others are, as if these were unknown."""
+    """Names of effects that are left out of the search, as if they were unknown."""
     model_fields: list[ModelField] = field(default_factory=list)
     """Further hypotheses: numbers of the robot's model that no effect is for, each with the range that is searched."""
     engine: str = "search"
-    """``evidence``: one evidence of all sets of effects, and of a force without a name; ``search``: that of 0.2."""
+    """``evidence``: one evidence of all sets of effects, and of a residual force; ``search``: that of 0.2."""
     folds: int = 4
     """Parts of the logs; each log is judged with values fitted on the other parts."""
     horizon_s: float = 0.1
@@ -50,9 +50,9 @@ class Settings:
     every_s: float = 0.01
     """Replays are compared with the log at this interval."""
     pieces_per_log: int = 8
-    """Number of pieces that are replayed of each log, if that is fewer than ``most_pieces`` in all."""
+    """Number of segments that are replayed of each log, if that is fewer than ``most_pieces`` in all."""
     most_pieces: int = 48
-    """Largest number of pieces that are replayed of all logs together."""
+    """Largest number of segments that are replayed of all logs together."""
     plan: SearchSettings = field(default_factory=SearchSettings)
     doubts: DecisionThresholds = field(default_factory=DecisionThresholds)
     tolerances: dict[str, float] = field(default_factory=lambda: dict(TOLERANCES))
@@ -74,7 +74,7 @@ class Settings:
     outside: OutsideForceSettings = field(default_factory=OutsideForceSettings)
     """Settings of the search for external forces; samples in which they act are left out."""
     best: bool = True
-    """Whether all effects are fitted together for the best simulator, beside the answer."""
+    """Whether all effects are also fitted together, for the best simulator."""
     rows_threshold: float = 0.15
     fall_threshold: float = 0.08
     planted_threshold_m: float = 0.01

@@ -10,7 +10,7 @@ from leapgap.robot.model import Robot
 
 @dataclass(frozen=True)
 class ComputationDelay(Effect):
-    """Commands of a row reach the joints after a share of that row; until then the former commands hold.
+    """Commands of a sample reach the joints after a share of the sample period; until then the former commands hold.
 
     A process that reads the state, computes, sends and logs once a loop writes the state of the loop's beginning
     beside commands of its end. Where rows last unequally long, so does this delay: a stalled loop sends late. Where all

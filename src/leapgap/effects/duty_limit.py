@@ -25,7 +25,7 @@ class DutyLimit(Effect):
     along_joints = True
     needs_motor = True
 
-    droop_s_rad: float = parameter(0.0, "s/rad", 0.0, 0.5, 0.05, limits=(0.0, inf))
+    droop_s_rad: float = parameter(0.0, "s/rad", 0.0, 3.0, 0.05, limits=(0.0, inf))
 
     @classmethod
     def lacks(cls, robot: Robot) -> str | None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect, parameter
+from leapgap.effects.base import Commands, Effect, ForceContext, parameter
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 
@@ -17,6 +17,11 @@ class EncoderBias(Effect):
     places = "joints"
 
     bias_rad: float = parameter(0.0, "rad", -0.6, 0.6, 0.03)
+
+    @classmethod
+    def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
+        """Less stiffness times the bias, within the limits; what is measured changes beside it."""
+        return at.at_motors(location, -at.kp * at.within)
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Shift the set points: kp (q* − (q + bias)) = kp ((q* − bias) − q)."""

@@ -19,7 +19,7 @@ STILL_RAD_S = 0.02
 
 @dataclass(frozen=True)
 class FrictionCompensation(Effect):
-    """Torque that motors add along the measured joint velocity, beside what the log says they were told."""
+    """Torque that motors add along the measured joint velocity, on top of the logged command."""
 
     name = "friction_compensation"
     by_default = False

@@ -16,7 +16,7 @@ REMEMBERED_S = 2.0
 
 @dataclass(frozen=True)
 class SetPointSlew(Effect):
-    """Largest rate at which the set point of the joint PD follows the one that is sent; its velocity is within it too.
+    """Largest rate at which the set point of the joint PD follows the one that is sent.
 
     A period gets the mean of the set point that moves (the exact impulse). It begins at the first command. In a fit
     100 rad/s stands for no limit.
@@ -50,12 +50,10 @@ class SetPointSlew(Effect):
         """Hold back the set points of the joints."""
         if self.rate_rad_s is None or self.is_nominal_for(robot):
             return commands
-        position, velocity = commands.position.copy(), commands.velocity.copy()
-        at = robot.joints_at(self.location)
-        for joint in at:
+        position = commands.position.copy()
+        for joint in robot.joints_at(self.location):
             position[:, joint] = follow(position[:, joint], self.rate_rad_s * period_s)
-        velocity[:, at] = velocity[:, at].clip(-self.rate_rad_s, self.rate_rad_s)
-        return replace(commands, position=position, velocity=velocity)
+        return replace(commands, position=position)
 
 
 def follow(wanted: np.ndarray, most: float) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
+from math import inf
 
 import mujoco
 import numpy as np
@@ -14,18 +15,20 @@ from leapgap.robot.model import Robot
 
 @dataclass(frozen=True)
 class SupplySag(Effect):
-    """Share of each motor's torque that is lost when all of them give their largest: τ (1 − sag · Σ|τ| / Σ τ_max).
+    """Share of each motor's torque that is lost when all of them give their largest: τ (1 − sag · mean |τ| / τ_max).
 
-    The voltage falls by the sum of the currents, which are as the torques τ that are asked for within the model's
-    limits, and drives that set a duty cycle do not make up for it; those that control a current do until their voltage
-    ends (``torque_speed_limit``). A replay takes the torques from its log's commands and motion, a closed loop its own.
+    The voltage falls by the sum of the currents, which are as the shares of the model's limits that are asked for, and
+    drives that set a duty cycle do not make up for it; those that control a current do until their voltage ends
+    (``torque_speed_limit``). A model may state limits far above what the motors ever give together, so that the sag at
+    its limits can be above 1; no torque turns round by it. A replay takes the torques from its log's commands and
+    motion, a closed loop its own.
     """
 
     name = "supply_sag"
     by_default = False
     needs_motor = True
 
-    sag: float = parameter(0.0, "1", 0.0, 0.9, 0.2, limits=(0.0, 1.0))
+    sag: float = parameter(0.0, "1", 0.0, 6.0, 0.2, limits=(0.0, inf))
 
     @classmethod
     def lacks(cls, robot: Robot) -> str | None:
@@ -45,8 +48,9 @@ class SupplySag(Effect):
     @classmethod
     def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
         """By what all motors give."""
-        most = at.robot.torque_limits[at.robot.driven].sum()
-        return at.at_motors(location, -at.torque * np.abs(at.torque).sum(axis=1, keepdims=True) / most)
+        driven = at.robot.driven
+        load = np.abs(at.torque[:, driven]) / at.robot.torque_limits[driven]
+        return at.at_motors(location, -at.torque * load.mean(axis=1, keepdims=True))
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Add an actuator beside each motor."""
@@ -59,5 +63,7 @@ class SupplySag(Effect):
             return
         joints, names = zip(*self._parts(robot), strict=True)
         torque = load.torque[:, list(joints)]
-        work = np.abs(torque).sum(axis=1, keepdims=True) / robot.torque_limits[list(joints)].sum()
-        control[:, [int(model.actuator_ctrladr[model.actuator(name).id]) for name in names]] = -self.sag * work * torque
+        work = np.mean(np.abs(torque) / robot.torque_limits[list(joints)], axis=1, keepdims=True)
+        control[:, [int(model.actuator_ctrladr[model.actuator(name).id]) for name in names]] = (
+            -np.minimum(1.0, self.sag * work) * torque
+        )

@@ -11,7 +11,7 @@ from leapgap.runtime.atomic_io import whole_file, write_text
 SAMPLES = "posterior.npz"
 HEAD = f"""\
 # 95 % intervals of the numbers that the diagnosis identified, as ranges to randomise over; SI units.
-# A number that is not here is as in robot.xml: these logs say nothing of it beyond the model.
+# A number that is not here is as in robot.xml: these logs do not change it.
 # Numbers that the logs tell only together must be drawn together: {SAMPLES} holds {DRAWN} robots, one a row.
 """
 

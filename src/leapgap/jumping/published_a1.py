@@ -185,7 +185,7 @@ def read_table(path: Path, columns: int, separator: str | None) -> np.ndarray:
     try:
         table = np.loadtxt(path, delimiter=separator, ndmin=2)
     except ValueError as error:
-        raise InputError(path, f"no whole table ({error})", "numbers, as many in every row", "copy it anew") from None
+        raise InputError(path, f"no whole table ({error})", "numbers, as many in every row", "copy it again") from None
     if table.shape[1] < columns or not len(table):
         raise InputError(
             path,

@@ -139,7 +139,7 @@ class ActuatorNetwork:
             torch.jit.trace(self.layers, torch.zeros(1, 2 * self.history)).save(str(path))
 
     def write_onnx(self, path: Path) -> None:
-        """The same for whoever reads no TorchScript: ``input`` (n, 2 history) to ``output`` (n, 1)."""
+        """The same without TorchScript: ``input`` (n, 2 history) to ``output`` (n, 1)."""
         nodes, constants, last = [], [], "input"
         for k, layer in enumerate(self.layers):
             out = "output" if k == len(self.layers) - 1 else f"value_{k}"
@@ -246,10 +246,9 @@ def train_networks(
     groups = {name: at[robot.driven[at]] for name, at in groups.items()}
     fold = np.arange(len(read)) % min(FOLDS, len(read))
     networks, errors = {}, {}
-    for group, joints in groups.items():
-        if not len(joints):
-            continue
-        progress(f"{group}: {', '.join(robot.joints[j] for j in joints)}")
+    groups = {name: at for name, at in groups.items() if len(at)}
+    for step, (group, joints) in enumerate(groups.items(), start=1):
+        progress(f"step {step} of {len(groups)}, network of {group}: {', '.join(robot.joints[j] for j in joints)}")
         data = [samples(one, joints, history) for one in read]
         missed = []
         for k in np.unique(fold):

@@ -230,8 +230,8 @@ def consequence(
     sets += [("all of them", acting)] if len(acting) > 1 else []
     run, courses = PolicyRun(network, map, robot), []
     plain: np.ndarray | None = None
-    for name, effects in sets:
-        progress(f"policy with {name}")
+    for step, (name, effects) in enumerate(sets, start=1):
+        progress(f"step {step} of {len(sets)}, policy with {name}")
         course, fell = run.run(effects)
         plain = course if plain is None else plain
         rows = min(len(course), len(plain))

@@ -37,7 +37,7 @@ def check_rows(columns: Columns, where: str) -> None:
         raise InputError(where, f"{rows} rows", "two or more", "log the whole motion")
     for name, values in columns.items():
         if values.shape != (rows,):
-            raise InputError(f"{where}, column {name}", f"shape {values.shape}", f"({rows},)", "export it anew")
+            raise InputError(f"{where}, column {name}", f"shape {values.shape}", f"({rows},)", "export it again")
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             raise InputError(

@@ -106,7 +106,7 @@ def check_velocities(
         if name.startswith("joint_pos/") and np.ptp(position[:, column]) == 0 and speed > MOVES:
             raise InputError(
                 f"{where}, column {name}",
-                f"one value in all rows, while {other} moves by {speed:.2g} in {WINDOW_S:g} s",
+                f"one value in all samples, while {other} moves by {speed:.2g} in {WINDOW_S:g} s",
                 "positions and velocities of one motion",
                 "map the measured positions, or repair the sensor",
             )

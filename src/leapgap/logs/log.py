@@ -86,7 +86,7 @@ class LogInfo:
             version = raw.pop("format_version")
             if version not in (JUMP_VERSION, FORMAT_VERSION):
                 expected = f"{JUMP_VERSION} or {FORMAT_VERSION}"
-                raise InputError(where, f"format_version {version}", expected, "import the logs anew")
+                raise InputError(where, f"format_version {version}", expected, "import the logs again")
             info = LogInfo(
                 robot=raw.pop("robot"),
                 sample_period_s=float(raw.pop("sample_period_s")),
@@ -102,7 +102,7 @@ class LogInfo:
                 where,
                 f"metadata that do not fit ({error!r})",
                 "the log's metadata (docs/reference/log_format.md)",
-                "import the log anew",
+                "import the log again",
             ) from None
 
 
@@ -279,15 +279,15 @@ def header_checksum(text: bytes, columns: Sequence[str], rows: int) -> bytes:
 
 def read_log(path: Path) -> Log:
     """Read one log, verified and checked; its name is the stem of the file's name."""
-    check_file(path, "a log (Parquet)", "import or collect logs first")
-    with decoding(path, "Parquet", "import the log anew"):
+    check_file(path, "a log (*.parquet), or a folder of logs", "convert your logs first: leapgap import")
+    with decoding(path, "Parquet", "import the log again"):
         table, metadata = read_parquet(path)
         names, rows = table.column_names, table.num_rows
         columns = {name: column.to_numpy() for name, column in zip(names, table.columns, strict=True)}
     text = metadata[METADATA_KEY]
     checksum = header_checksum(text, names, rows)
     if metadata.get(CHECKSUM_KEY, checksum) != checksum:
-        raise InputError(path, "a header that is not as it was written", "a whole log", "import the log anew")
+        raise InputError(path, "a header that is not as it was written", "a whole log", "import the log again")
     for name, values in columns.items():
         check_kind(name, values.dtype.kind, path)
     info = LogInfo.from_json(text, path)
@@ -324,11 +324,11 @@ def check_schema(schema: pa.Schema, path: Path) -> None:
     """``InputError`` for a column that is not numeric, or is there twice."""
     if len(set(schema.names)) < len(schema.names):
         twice = next(name for name in schema.names if schema.names.count(name) > 1)
-        raise InputError(path, f"{schema.names.count(twice)} columns {twice}", "one of each name", "import it anew")
+        raise InputError(path, f"{schema.names.count(twice)} columns {twice}", "one of each name", "import it again")
     for name, kind in zip(schema.names, schema.types, strict=True):
         if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind)):
             found = f"a column that is not numeric ({name}: {kind})"
-            raise InputError(path, found, "float64 columns", "import it anew")
+            raise InputError(path, found, "float64 columns", "import it again")
 
 
 def check_read(log: Log, where: object) -> None:
@@ -343,7 +343,7 @@ def read_logs(folder: Path) -> list[Log]:
     ``InputError`` lists all files that cannot be used; ``reading.read_folder`` goes on without them.
     """
     if not folder.is_dir():
-        raise InputError(folder, "no such folder", "a folder of logs", "import or collect logs first")
+        raise InputError(folder, "no such folder", "a folder of logs", "convert your logs first: leapgap import")
     check_folder(folder)
     logs, errors = [], []
     for path in sorted(folder.glob("*.parquet")):

@@ -13,7 +13,7 @@ DEEPEST, MOST_BOXES, MOST_SEGMENTS = 10, 100, 10_000
 SHORTEST_PERIOD_S, LONGEST_PERIOD_S, LONGEST_S = 1e-7, 0.5, 1e7
 """Rows that are longer on average are those of no loop of a robot: the unit of the time is another."""
 SMALLEST_M, FARTHEST_M, HEAVIEST_KG = 1e-4, 1e5, 1e4
-DO = "correct the metadata, or import the log anew"
+DO = "correct the metadata, or import the log again"
 
 
 def read_metadata(text: str | bytes, where: object) -> dict[str, Any]:

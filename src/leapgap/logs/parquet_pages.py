@@ -49,13 +49,13 @@ def check_column(path: Path, raw: BinaryIO, column: pq.ColumnChunkMetaData) -> N
             unpacked += int(header[UNPACKED]) + length
             values += sum(int(header[kind][VALUES]) for kind in KINDS if kind in header)
         except (IndexError, KeyError, TypeError, ValueError, RecursionError):
-            raise InputError(where, "a page without a whole header", "a whole file", "export it anew") from None
+            raise InputError(where, "a page without a whole header", "a whole file", "export it again") from None
         if packed < 0 or header[UNPACKED] < 0 or unpacked > column.total_uncompressed_size:
             found = f"pages of {unpacked} bytes or more"
-            raise InputError(where, found, f"{column.total_uncompressed_size}, as the file states", "export it anew")
+            raise InputError(where, found, f"{column.total_uncompressed_size}, as the file states", "export it again")
         at += length + packed
     if values > column.num_values:
-        raise InputError(where, f"pages of {values} values", f"{column.num_values}", "export it anew")
+        raise InputError(where, f"pages of {values} values", f"{column.num_values}", "export it again")
 
 
 class Header:

@@ -52,13 +52,13 @@ class Readings:
 
 
 def read_folder(folder: Path, robot: Robot | None = None) -> Readings:
-    """Logs of ours in a folder, in the order of their names; none where there is no file.
+    """Logs in leapgap's format in a folder, in the order of their names; none where there is no file.
 
     With a robot, those that are not of that robot are set aside, too. ``InputError`` lists all bad logs where fewer
     than two others are left.
     """
     if not folder.is_dir():
-        raise InputError(folder, "no such folder", "a folder of logs", "import or collect logs first")
+        raise InputError(folder, "no such folder", "a folder of logs", "convert your logs first: leapgap import")
     check_folder(folder)
 
     def reader(path: Path) -> Callable[[], list[Log]]:
@@ -82,7 +82,7 @@ def read_foreign(layout: LogFormat, source: Path, robot: Robot, options: Any) ->
 def read_checked(layout: LogFormat, path: Path, name: str, robot: Robot, options: Any) -> list[Log]:
     """The logs of one foreign file or folder, each checked as every log is that comes from a file."""
     check_tree(path, f"a log of format {layout.name}", "copy the files themselves")
-    with decoding(path, layout.name, "export it anew"):
+    with decoding(path, layout.name, "export it again"):
         logs = layout.read_all(path, name, robot, options)
     for log in logs:
         check_read(log, f"{path}, {log.name}" if len(logs) > 1 else path)

@@ -116,4 +116,4 @@ def check_values(columns: Mapping[str, np.ndarray], where: object) -> None:
 def check_kind(column: str, kind: str, where: object) -> None:
     """``InputError`` for a column of texts, dates or objects; ``kind`` is NumPy's letter for its type."""
     if kind not in KINDS_OF_NUMBERS:
-        raise InputError(f"{where}, column {column}", "a column that is not numeric", "float64", "export it anew")
+        raise InputError(f"{where}, column {column}", "a column that is not numeric", "float64", "export it again")

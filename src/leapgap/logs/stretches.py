@@ -72,5 +72,5 @@ def left_out(chosen: Sequence[Stretch], every: Sequence[Stretch], logs: int, tot
     rows = sum(stretch.rows for stretch in chosen)
     return (
         f"{len(chosen)} of {len(every)} {kind}, spread evenly over {logs} logs, were diagnosed "
-        f"({rows} of {total} rows): more would take longer and change little"
+        f"({rows} of {total} samples): more would take longer and change little"
     )

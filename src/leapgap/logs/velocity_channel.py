@@ -55,8 +55,13 @@ class VelocityColumn:
     """Width of the grid on which its values lie, rad/s or m/s; 0 where there is none."""
     position_tick: float
     """The same of the positions, rad or m."""
+    rest: float
+    """What else it is off by from a velocity fitted through the positions, where far beyond noise and the fit's error.
+
+    Standard deviation, rad/s or m/s; 0 where it is not.
+    """
     error: float
-    """Error of the reported velocity that its lag, ticks and unit make, standard deviation, rad/s or m/s."""
+    """Error of the reported velocity that its lag, ticks, unit and the rest make, standard deviation, rad/s or m/s."""
     noise: float
     """Standard deviation of its noise; 0 where rounding to its ticks explains it."""
     error_if_derived: float
@@ -99,7 +104,13 @@ def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[s
         tick, scale = float(ticks[0][k]), lag.scale / usual
         sure = SURE * tick / np.sqrt(12) / sizes[k] < abs(scale - 1)
         scale = scale if lag.fits and sure and not 1 / OTHER_UNIT < scale < OTHER_UNIT else 1.0
-        off = np.interp(even + lag.late_s, even, velocity[:, k]) * scale - velocity[:, k]
+        in_place = np.interp(even + lag.late_s, even, velocity[:, k]) * scale
+        off = in_place - velocity[:, k]
+        edge = round((window_s + lag.late_s) / period) + 1
+        own, fitted = in_place[edge:-edge], fit.velocity[edge:-edge, k]
+        alike = own * (own @ fitted) / max(own @ own, np.finfo(float).tiny)  # whatever the clock
+        rest = float(np.sqrt(np.mean((alike - fitted) ** 2))) if len(own) else 0.0
+        rest = rest if rest > SURE * np.hypot(np.hypot(noise[k], derived[k]), tick / np.sqrt(12)) else 0.0
         found[named[k]] = VelocityColumn(
             lag.late_s,
             lag.error_s,
@@ -107,7 +118,8 @@ def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[s
             scale if np.isfinite(scale) else 1.0,
             tick,
             float(ticks[1][k]),
-            float(np.hypot(np.sqrt(np.mean(off**2)), tick / np.sqrt(12))),
+            rest,
+            float(np.sqrt(np.mean(off**2) + tick**2 / 12 + rest**2)),
             float(noise[k]),
             float(derived[k]),
         )

@@ -102,7 +102,7 @@ class Report:
 
     @property
     def answer(self) -> tuple[tuple[str, ...], ...]:
-        """Names of the effects that act together; several in one place cannot be told apart."""
+        """Names of the effects that act together; several in one place cannot be separated."""
         return self.content.answer
 
     @property

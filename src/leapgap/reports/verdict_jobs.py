@@ -119,7 +119,7 @@ def run_jobs(jobs: list[Job], cache: ResultCache, executor: Executor) -> None:
             ", ".join(failed),
             "; ".join(sorted(set(failed.values()))),
             "a verdict for every case",
-            "mend the diagnosis and run again: the other cases are kept",
+            "fix the diagnosis and run again: the other cases are kept",
         )
 
 
@@ -142,7 +142,7 @@ def verdict_of(cache: ResultCache, job: Job) -> str:
         shutil.copyfile(job.robot, robot)
         found = diagnose_folder(logs, Robot.load(robot), job.settings, threads=job.threads)
         if found is None:
-            raise InputError(job.logs, "no jump logs", "one or more", "withhold the cases anew")
+            raise InputError(job.logs, "no jump logs", "one or more", "withhold the cases again")
         if job.pages:
             from leapgap.reports.pages import write_with_shared_script
 

@@ -144,7 +144,7 @@ def drop_missing_meshes(spec: mujoco.MjSpec, where: object) -> tuple[str, ...]:
         if geom.contype or geom.conaffinity or not geom.parent.explicitinertial:
             body = geom.parent.name
             found = f"no file {missing[geom.meshname]}, of a mesh that collides or gives the body {body} its mass"
-            raise InputError(where, found, "the files of such meshes", "put them beside the model file")
+            raise InputError(where, found, "the files of such meshes", "put them in the folder of the model file")
         spec.delete(geom)
     for mesh in [mesh for mesh in spec.meshes if mesh.name in missing]:
         spec.delete(mesh)

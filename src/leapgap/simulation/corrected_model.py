@@ -21,7 +21,7 @@ OUTSIDE = {
     **dict.fromkeys(("change_period", "change_rows", "change_step"), "it is of the clock, not of the robot"),
     **dict.fromkeys(("change_measured", "true_start"), "it is of the measurements, not of the motion"),
     **dict.fromkeys(("change_commands", "torque_by_velocity"), "it changes commands before they reach the model"),
-    "put_controls": "it needs an actuator that is told its torque at each step",
+    "put_controls": "it needs an actuator whose torque is set at each step",
 }
 """Methods of an effect through which it acts outside the model, and why no model has that."""
 IN_CONTROLLER = "it is in the joint PD, which is of the program that sends commands"

@@ -55,7 +55,7 @@ def uses(folder: str, missing: Mapping[str, str]) -> list[str]:
         lines += ["With MuJoCo, in this folder:", ""]
         lines += ["```python", "import mujoco", "", f'model = mujoco.MjModel.from_xml_path("{MODEL}")', "```", ""]
     if NOMINAL not in missing:
-        lines += ["With leapgap and all effects, beside this folder; `LOGS` is your folder of logs:", ""]
+        lines += ["With leapgap and all effects, in the folder that holds this one; `LOGS` is your folder of logs:", ""]
         lines += ["```bash", f"leapgap replay LOGS {folder} --out replays", "```", ""]
     return lines
 
@@ -65,7 +65,7 @@ def where_else(effect: Mapping[str, Any], missing: Mapping[str, str]) -> str:
     if MODEL in missing:
         return f"It is in `{EFFECTS}` alone."
     part = f"Only a part is in `{MODEL}`" if effect["in_model_in_part"] else f"It is in `{EFFECTS}` alone"
-    return f"{part}, since {effect['lacks']}: simulate it beside the model."
+    return f"{part}, since {effect['lacks']}: simulate it together with the model."
 
 
 def placed_in_words(found: Mapping[str, Any], missing: Sequence[str] = ()) -> list[str]:

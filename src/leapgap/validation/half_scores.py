@@ -42,7 +42,7 @@ def check_judged_logs(name: str, truth: Mapping[str, Any], report: Mapping[str, 
     expected = {file.removesuffix(".parquet"): digest for file, digest in truth["logs"].items()}
     provenance = report.get("provenance")
     if not isinstance(provenance, Mapping) or provenance.get("logs") != expected:
-        raise InputError(f"report of {name}", "logs other than those sealed", "just those", "diagnose the case anew")
+        raise InputError(f"report of {name}", "logs other than those sealed", "just those", "diagnose the case again")
 
 
 def read_revisits(folder: str | None) -> dict[str, Mapping[str, Any]]:

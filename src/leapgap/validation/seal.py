@@ -18,7 +18,7 @@ PUBLISHED = "published"
 def seal(truth: Mapping[str, Any]) -> str:
     """SHA-256, in hex, over the truth as canonical JSON; its random ``salt`` prevents guessing."""
     if not truth.get("salt"):
-        raise InputError("truth", "no salt", "a truth with a salt", "withhold the case anew")
+        raise InputError("truth", "no salt", "a truth with a salt", "withhold the case again")
     return hashlib.sha256(json.dumps(truth, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
 
@@ -36,7 +36,7 @@ def open_truth(folder: Path, logs: Path, case: str) -> Mapping[str, Any]:
             path,
             f"a truth with the seal {seal(truth)[:12]}…",
             f"the seal {str(published)[:12]}… that was published with the logs",
-            "the truth was changed after it was sealed: withhold and diagnose the cases anew",
+            "the truth was changed after it was sealed: withhold and diagnose the cases again",
         )
     check_files(truth["logs"], logs / case)
     check_files(truth.get("model", {}), logs / case)
@@ -51,5 +51,5 @@ def check_files(expected: Mapping[str, str], folder: Path) -> None:
         found = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "no file"
         if found != digest:
             raise InputError(
-                path, f"{found[:12]}…", f"the sealed file {digest[:12]}…", "withhold and diagnose the cases anew"
+                path, f"{found[:12]}…", f"the sealed file {digest[:12]}…", "withhold and diagnose the cases again"
             )

@@ -31,10 +31,14 @@ def run_checks(
 ) -> list[CheckResult]:
     """The checks that the logs have columns for; ``thresholds`` by name stand in place of the checks' own.
 
-    ``whole`` are the same logs with all their rows, where ``logs`` are cut. Without a robot only those that need none.
+    ``whole`` are the same logs with all their rows, where ``logs`` are cut. Without a robot only those that need none;
+    where velocities are off in ways of their own, only those that do not rely on them.
     """
     usable = [kind() for kind in known() if robot is not None or not kind.needs_robot]
-    timed = {log.name: in_time(log, columns_of(log, robot)) for log in whole or logs}
+    columns = {log.name: columns_of(log, robot) for log in whole or logs}
+    if any(column.rest > 0 for of_log in columns.values() for column in of_log.values()):
+        usable = [check for check in usable if not check.velocities_in_time]
+    timed = {log.name: in_time(log, columns[log.name]) for log in whole or logs}
     results = []
     for check in usable:
         asked = whole if check.needs_all_rows and whole else logs

@@ -258,4 +258,4 @@ def judge_clocks(name: str, what: str, clocks: Mapping[str, Clock], threshold: f
 def resolution_in_words(error: float, threshold: float) -> str:
     """What a clock cannot tell, where its columns are too coarse for less than an error; empty where they are not."""
     coarse = error >= threshold
-    return f"; the columns are too coarse to tell less than {100 * threshold:.2g} %" if coarse else ""
+    return f"; the columns are too coarse to show less than {100 * threshold:.2g} %" if coarse else ""

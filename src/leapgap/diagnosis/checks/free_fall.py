@@ -50,7 +50,7 @@ class FreeFall(Check):
         says = f"in flight the centre of mass falls with {1 + statistic:.2f} {unit}" + (
             ""
             if passed
-            else f" by the log's clock, which would be right if a row took {np.sqrt(1 + statistic):.2f} "
+            else f" by the log's clock, which would be right if a sample took {np.sqrt(1 + statistic):.2f} "
             "times the claimed period"
         )
         return CheckResult(self.name, passed, abs(statistic), threshold, says, falls)

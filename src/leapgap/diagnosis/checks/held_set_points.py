@@ -44,7 +44,7 @@ class HeldSetPoints(Check):
         held = [log for log in logs if log.name in holds]
         rows = int(np.median(list(holds.values())))
         period = float(np.median([log.info.sample_period_s for log in held]))
-        says = f"set points stand for {rows} rows ({1000 * rows * period:.3g} ms) at a time"
+        says = f"set points are held for {rows} samples ({1000 * rows * period:.3g} ms) at a time"
         of_logs = {name: float(own) for name, own in holds.items()}
         length = 1 + max(HOLDS * rows, round(SHORTEST_S / period))
         starts = [list(range(0, len(log) - length, length)) for log in held]

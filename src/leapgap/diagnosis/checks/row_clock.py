@@ -69,11 +69,11 @@ def in_words(clocks: Mapping[str, RowClock], statistic: float, stale: float) -> 
     said = [f"samples of these logs are not evenly spaced: the spacing scatters by {100 * statistic:.0f} %"]
     if stale >= statistic:
         said = [
-            f"rows of these logs do not show what was measured in them: ages scatter by {100 * stale:.0f} % of a row"
+            f"measurements are late by varying times: their ages scatter by {100 * stale:.0f} % of the sample period"
         ]
     repeated = [clock.repeated for clock in every]
     if np.median(repeated) > 0:
-        said.append(f"{100 * float(np.median(repeated)):.0f} % of the samples repeat the row before")
+        said.append(f"{100 * float(np.median(repeated)):.0f} % of the samples repeat the one before")
     stalls = [stalls_of(clock) for clock in every]
     if max(stalls):
         said.append(f"{min(stalls)} to {max(stalls)} stalls of {1000 * STALL_S:g} ms or more a log")

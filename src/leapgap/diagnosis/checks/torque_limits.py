@@ -76,7 +76,7 @@ class TorqueLimits(Check):
         share, worst = every.mean(axis=0), np.argsort(-every.mean(axis=0), kind="stable")[:TOLD]
         says = f"{100 * every.any(axis=1).mean():.2g} % of the samples command more torque than the model's limit: "
         says += "; ".join(
-            f"{joints[k]} {100 * share[k]:.2g} % of the rows, {largest[k]:.3g} of {limits[k]:.3g} N·m at most"
+            f"{joints[k]} {100 * share[k]:.2g} % of the samples, {largest[k]:.3g} of {limits[k]:.3g} N·m at most"
             for k in worst.tolist()
             if share[k] > 0
         )

@@ -74,7 +74,9 @@ def in_words(bad: Mapping[str, Sequence[VelocityColumn]]) -> str:
     late = {joint: of for joint, of in late.items() if 2 * len(of) > len(bad[joint])}
     scaled = {joint: float(np.median([column.scale for column in columns])) for joint, columns in bad.items()}
     scaled = {joint: scale for joint, scale in scaled.items() if scale != 1}
-    coarse = [joint for joint in bad if joint not in late and joint not in scaled]
+    others = {joint: columns for joint, columns in bad.items() if joint not in late and joint not in scaled}
+    coarse = [joint for joint, columns in others.items() if any(column.tick > 0 for column in columns)]
+    apart = {joint: columns for joint, columns in others.items() if joint not in coarse}
     said = []
     if late:
         lags, errors = ([1000 * float(np.median([getattr(c, of) for c in own])) for own in late.values()] for of in LAG)
@@ -90,6 +92,12 @@ def in_words(bad: Mapping[str, Sequence[VelocityColumn]]) -> str:
     if coarse:
         tick = max(column.tick for joint in coarse for column in bad[joint])
         said.append(f"velocities of {', '.join(coarse)} come in steps of {tick:.2g} a second")
+    if apart:
+        most = max(float(np.median([column.rest for column in columns])) for columns in apart.values())
+        said.append(
+            f"velocities of {', '.join(apart)} are {most:.2g} a second (rms) off the derivative of the positions, "
+            "far more than their noise: coarse, filtered, or not of the same instant"
+        )
     return "; ".join(said)
 
 

@@ -54,23 +54,28 @@ class Blocks:
         constant = [[logs[chunk, first:end].sum() for chunk, first, end in places] for logs in determinants]
         return Blocks(places, log_of_chunk[[chunk for chunk, _, _ in places]], np.array(constant))
 
+    def of_logs(self, logs: np.ndarray, log_of_chunk: np.ndarray) -> tuple["Blocks", np.ndarray]:
+        """The blocks of some logs (bool by log), by chunks of these alone, and their indices."""
+        place, kept = np.cumsum(logs[log_of_chunk]) - 1, np.flatnonzero(logs[self.log])
+        places = [(int(place[chunk]), first, end) for chunk, first, end in (self.places[k] for k in kept.tolist())]
+        return Blocks(places, self.log[kept], self.constant[:, kept]), kept
+
     def products(self, ours: Whitened, theirs: Whitened) -> np.ndarray:
         """Inner products of two sets of columns in each block, (levels, blocks, our columns, their columns)."""
         found = np.zeros((*self.constant.shape, ours[0].shape[3], theirs[0].shape[3]))
         for of_level, a, b in zip(found, ours, theirs, strict=True):
             for own, (chunk, first, end) in zip(of_level, self.places, strict=True):
                 left = a[chunk, first:end].reshape(-1, a.shape[3])
-                own[:] = left.T @ b[chunk, first:end].reshape(-1, b.shape[3])
+                own[:] = left.T.astype(float) @ b[chunk, first:end].reshape(-1, b.shape[3])
         return found
 
     def at_levels(self, columns: Whitened, levels: np.ndarray) -> np.ndarray:
         """Columns (rows, columns) of all blocks, each block at its level."""
-        return np.concatenate(
-            [
-                columns[level][chunk, first:end].reshape(-1, columns[0].shape[3])
-                for level, (chunk, first, end) in zip(levels, self.places, strict=True)
-            ]
-        )
+        of_blocks = [
+            columns[level][chunk, first:end].reshape(-1, columns[0].shape[3])
+            for level, (chunk, first, end) in zip(levels, self.places, strict=True)
+        ]
+        return np.concatenate(of_blocks, dtype=float)
 
 
 @dataclass(frozen=True)

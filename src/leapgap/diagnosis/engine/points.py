@@ -1,6 +1,6 @@
 """Points of the search: a robot with some effects at some numbers, replayed, with columns that lead on from there."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,17 +10,20 @@ from leapgap import effects
 from leapgap.diagnosis.channels import tangent_difference
 from leapgap.diagnosis.engine.evidence import BLOCK_S, Blocks, Evidence, Whitened
 from leapgap.diagnosis.engine.intervals import Effects, Intervals
-from leapgap.diagnosis.engine.responses import Columns, Linearisation
+from leapgap.diagnosis.engine.responses import Columns, Linearisation, shared
 from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
-from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.sensitivities import tolerance, usable
 from leapgap.diagnosis.short_rollouts import FINE
+from leapgap.effects.base import Effect, overrides
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 
 INTERVAL_S = 0.01
 """Length of an interval; one row, where that is longer."""
+FAR = 300
+"""About how many intervals are replayed with effects far from nominal."""
 LEAST_IN_BLOCK = 5
 """Number of intervals of a block at least."""
 DIFFERENCE = 0.1
@@ -48,6 +51,9 @@ LATE = ("command_delay", "state_latency")
 QUARTER = 0.25
 """Share of a row by which it is not known when commands act and states are measured."""
 
+DRIVE = ("change_commands", "change_drive", "torque_by_velocity", "put_controls")
+"""Methods of effects by which torques follow from commands."""
+
 Acting = tuple[tuple[Hypothesis, np.ndarray], ...]
 """Effects with their numbers."""
 
@@ -63,7 +69,7 @@ class Basis:
     """One for each level of the force without a name."""
     columns: Columns
     whitened: Whitened
-    """All columns, and behind them those of late logs and of finer steps."""
+    """All columns, and behind them those of late logs and of finer steps, in single precision: they are many."""
     nuisances: np.ndarray
     """Indices of those that are off a little in every robot and simulation, (nuisances,)."""
     deviation: np.ndarray
@@ -73,7 +79,7 @@ class Basis:
     @cached_property
     def of_nuisances(self) -> Whitened:
         """Columns of the nuisances at each level, (chunks, longest, channels, nuisances)."""
-        return [own[..., self.nuisances] for own in self.whitened]
+        return [own[..., self.nuisances].astype(float) for own in self.whitened]
 
     @cached_property
     def products(self) -> np.ndarray:
@@ -88,7 +94,7 @@ class Basis:
     def of_hypothesis(self, h: Hypothesis) -> Whitened:
         """Columns of the numbers of a hypothesis."""
         at = [self.columns.at(h, k) for k in range(len(h.parameters))]
-        return [np.stack([own[..., own_at].sum(axis=3) for own_at in at], axis=3) for own in self.whitened]
+        return [np.stack([own[..., own_at].sum(axis=3, dtype=float) for own_at in at], axis=3) for own in self.whitened]
 
 
 @dataclass(frozen=True)
@@ -198,7 +204,7 @@ class Bench:
             linearisation,
             filters,
             columns,
-            [-own.whiten(stacked) for own in filters],
+            [-own.whiten(stacked).astype(np.float32) for own in filters],
             *self.nuisances(columns),
             Blocks.of([own.log_determinant for own in filters], self.chunks.valid, self.chunks.log, per_block),
         )
@@ -248,6 +254,48 @@ class Bench:
         offsets = here.remembered(basis.linearisation.transitions)
         return follow(here, self.chunks, offsets, basis.linearisation)
 
+    def far(self, near: Point, logs: np.ndarray) -> Iterator[tuple[list[tuple[Hypothesis, np.ndarray]], Whitened]]:
+        """What further effects in the drives do far from nominal beside those of a point: numbers, and a column each.
+
+        Such an effect does not grow with its number (a lag, a limit), but what it does to the torques is known at any.
+        One after another they are replayed at all joints at once, on some ``logs`` (bool), and shared out by the
+        responses to torques. Columns are of the chunks of these logs alone.
+        """
+        present, forces = {h.name for h, _ in near.acting}, near.basis.linearisation.forces
+        chosen = logs[self.chunks.log]
+        filters = [own.of_chunks(chosen) for own in near.basis.filters]
+        of_logs = list(zip(self.on_logs(near.acting), self.states, logs.tolist(), strict=True))
+        for name, of_kind in self.kinds.items():
+            everywhere = replace(of_kind, location="all")
+            if name in present or not in_drive(of_kind.kind) or len(everywhere.parameters) > 1:
+                continue
+            ladder = everywhere.ladder
+            sets = [
+                [(*own, everywhere.on(states.log.name, numbers)) if tried else own for own, states, tried in of_logs]
+                for numbers in ladder
+            ]
+            at = places(of_kind.kind, self.robot) if of_kind.kind.along_joints else {"all": ()}
+            found: list[tuple[Hypothesis, np.ndarray]] = []
+            columns: list[list[np.ndarray]] = []
+            changes = near.intervals.changes(sets, near.basis.linearisation.transitions)
+            for numbers, change in zip(ladder, changes, strict=True):
+                parts = [shared(own, of[:, :, self.robot.joint_dofs]) for own, of in zip(change, forces, strict=True)]
+                for place, joints in at.items():
+                    which = [self.robot.joints.index(joint) for joint in joints]
+                    found.append((replace(everywhere, location=place), numbers))
+                    columns.append([own[:, :, which].sum(axis=2) for own in parts] if place != "all" else change)
+            if not found:
+                continue
+            by_log = [np.stack([own[log] for own in columns], axis=2) for log in range(len(self.states))]
+            stacked = self.chunks.stack(by_log)[chosen]
+            yield found, [-own.whiten(stacked) for own in filters]
+
+    @property
+    def some_logs(self) -> np.ndarray:
+        """Logs on which effects are tried far from nominal, spread evenly, bool (logs,)."""
+        counts = [own.intervals for own in self.intervals.courses]
+        return np.arange(len(counts)) % max(1, round(sum(counts) / FAR)) == 0
+
     def on_logs(self, acting: Acting) -> list[Effects]:
         """The effects of a set on each log."""
         return [tuple(h.on(own.log.name, numbers) for h, numbers in acting) for own in self.states]
@@ -281,6 +329,11 @@ class Bench:
         return Point.of(acting, here, basis, errors, [-of.whiten(stacked) for of in basis.filters])
 
 
+def in_drive(kind: type[Effect]) -> bool:
+    """Whether an effect acts between the commands and the torques of the motors, on nothing that is measured."""
+    return not overrides(kind, "change_measured") and any(overrides(kind, method) for method in DRIVE)
+
+
 def prior_of(h: Hypothesis) -> np.ndarray:
     """Standard deviations of the numbers of a hypothesis about nominal, before any log, (numbers,)."""
     lower, upper = h.bounds
@@ -290,8 +343,9 @@ def prior_of(h: Hypothesis) -> np.ndarray:
 
 
 def small_steps(h: Hypothesis, numbers: np.ndarray) -> list[float]:
-    """Departures by which numbers are differenced, within their ranges."""
+    """Departures by which numbers are differenced, within their ranges; of a factor at most a share of itself."""
     lower, upper = h.bounds
-    found = DIFFERENCE * h.moderate
+    most = [abs(n) if p.logarithmic else np.inf for p, n in zip(h.parameters, numbers, strict=True)]
+    found = DIFFERENCE * np.clip(h.moderate, -np.array(most), most)
     inside = (lower <= numbers + found) & (numbers + found <= upper)
     return [float(size) for size in np.where(inside, found, -found)]

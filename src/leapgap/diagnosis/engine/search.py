@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
-from leapgap.diagnosis.engine.evidence import Posterior, posterior_of, predictive
+from leapgap.diagnosis.engine.evidence import Blocks, Posterior, Whitened, posterior_of, predictive
 from leapgap.diagnosis.engine.points import Acting, Bench, Point, prior_of
 from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
 from leapgap.diagnosis.hypotheses import Hypothesis
@@ -21,6 +21,8 @@ LEAST_GAIN = 30.0
 """Evidence on held-out logs that each number of a cause has to gain, nats: g₀."""
 LEAST_SHARE = 0.03
 """A cause gains this share of the evidence that is missing, or leaves little without a name."""
+SOME = 10 * LEAST_GAIN
+"""Evidence of a force without a name beside a set, nats, at which further effects are replayed far from nominal."""
 MUCH = 1000.0
 """Evidence of a force without a name beside a set, nats, at which everything is linearised anew about it."""
 MOST_CAUSES = 4
@@ -32,6 +34,8 @@ LIKELY = 0.5
 """Share of the gain of the best set that another has to have by its columns to be replayed."""
 TRIED = 12
 """Number of effects that are replayed to both sides where columns tell little."""
+AT_LEAST = 4.0
+"""An effect far from nominal does what its column says times one, with this inverse variance."""
 SETTLED = 2.0
 """Numbers have settled when their next step is worth less evidence than this, nats."""
 ROUNDS = 4
@@ -86,9 +90,9 @@ class Found:
 
     @property
     def acting(self) -> Acting:
-        """The effects with their numbers, within their ranges."""
-        numbers = split_numbers(self.members, self.numbers)
-        return tuple((h, h.clip(n)) for h, n in zip(self.members, numbers, strict=True))
+        """The effects with their numbers, within their ranges; factors within reach of those of the point."""
+        numbers, replayed = split_numbers(self.members, self.numbers), dict(self.point.acting)
+        return tuple((h, h.near(n, replayed.get(h))) for h, n in zip(self.members, numbers, strict=True))
 
     def with_members(self, kept: Sequence[int]) -> "Found":
         """The set with some of its members, not yet replayed."""
@@ -106,27 +110,22 @@ class Search:
     """Fold of each log."""
     progress: Callable[[str], None]
 
-    def explore(self) -> list[Found]:
-        """The sets found on the way from the nominal robot to the answer.
+    def explore(self) -> tuple[Found, Found]:
+        """The nominal robot, and the answer.
 
         Where a robot with feet leaves much unexplained, the search is made once more from references that allow for
         wrong zeros of its joints, and the likelier of both answers stays.
         """
-        path = self.ascend(self.bench.nominal())
-        if not self.bench.robot.feet or path[-1].unnamed < MUCH:
-            return path
-        free = self.ascend(self.bench.nominal(WRONG_ZERO_RAD), replay=True)
-        better = free[-1].members and free[-1].evidence > path[-1].evidence
-        return [path[0], *free[1:]] if better else path
+        start = self.judge(self.bench.nominal())
+        answer = self.ascend(start)
+        if self.bench.robot.feet and answer.unnamed > max(MUCH, LEAST_SHARE * start.unnamed):
+            free = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD)), replay=True)
+            answer = free if free.members and free.evidence > answer.evidence else answer
+        return start, answer
 
-    def ascend(self, start: Point, replay: bool = False) -> list[Found]:
-        """The sets found on the way from a point without effects, the last the answer.
-
-        With ``replay`` the first effect may be one whose columns tell little.
-        """
-        path = [self.judge(start)]
-        while len(path) <= MOST_CAUSES:
-            now = path[-1]
+    def ascend(self, now: Found, replay: bool = False) -> Found:
+        """The answer from a set without effects on; with ``replay`` the first may be one whose columns tell little."""
+        while len(now.members) < MOST_CAUSES:
             worth = [h for gain, h in screen(now.point) if gain > WORTH_A_LOOK]
             linear = [self.judge(now.point, [h]) for h in few_of_each(worth, ALIKE)[:SHORTLIST]]
             linear.sort(key=lambda one: -one.worth)
@@ -143,31 +142,48 @@ class Search:
             others = [(newest.label, one.members[-1], best.worth - one.worth) for one in tried if one is not best]
             rivals = (*now.rivals, *(own for own in others if own[1].name != newest.name))
             if best.unnamed > MUCH:
-                best = self.exchanged(self.linearised(best))
+                best = self.exchanged(max([best, self.linearised(best)], key=lambda one: one.evidence))
             if best.unnamed > MUCH and best.predictive - now.predictive < LEAST_SHARE * now.missing:
                 break
-            path.append(replace(self.without_idle(best), rivals=rivals))
-        return path
+            now = replace(self.without_idle(best), rivals=rivals)
+        return now
 
     def promising(self, now: Found, linear: Sequence[Found]) -> list[Found]:
         """Those sets, settled, that may gain most by what their columns say, the best first.
 
-        Where little is left without a name columns are right, and a set that gains nothing by them is none. Where much
-        is, sets are judged by replays at the numbers that their columns give. A further set is settled if it may gain
-        half of the best.
+        Where little is left without a name columns are right, and a set that gains nothing by them is none. Where more
+        is, sets are judged by replays at the numbers that their columns give, and drives far from nominal as well. A
+        further set is settled if it may gain half of the best.
         """
         gains = [one.worth - now.worth for one in linear]
-        if now.unnamed > MUCH:
+        sets = [one.acting for one in linear]
+        if now.unnamed > SOME:
             base = self.bench.glance(now.point, now.acting)
-            glances = [self.bench.glance(now.point, one.acting) - base for one in linear]
-            gains = [max(pair) for pair in zip(gains, glances, strict=True)]
+            sets += [(*now.acting, one) for one in self.far(now)]
+            glances = [self.bench.glance(now.point, acting) - base for acting in sets]
+            gains = [max(pair) for pair in zip([*gains, *[-np.inf] * len(sets)], glances, strict=False)]
         found: list[Found] = []
         for k in np.argsort(-np.array(gains), kind="stable")[:CLOSELY]:
             best = max((own.worth - now.worth for own in found), default=0.0)
             if gains[k] <= LIKELY * best:
                 break
-            found.append(self.settle(linear[k]))
+            found.append(self.settle(linear[k] if k < len(linear) else self.moved(now.point, sets[k])))
         return found
+
+    def far(self, now: Found) -> list[tuple[Hypothesis, np.ndarray]]:
+        """Effects in the drives with numbers far from nominal that by their columns gain most, one number a place."""
+        logs = self.bench.some_logs
+        left = Projection.of(now.point, *now.point.priors(), logs, self.bench.chunks.log)
+        gains: list[tuple[float, Hypothesis, np.ndarray]] = []
+        for found, columns in self.bench.far(now.point, logs):
+            by_errors, by_each = left.of_columns(columns)
+            inner = by_each.diagonal() + AT_LEAST
+            of_each = 0.5 * (by_errors + AT_LEAST) ** 2 / inner - 0.5 * AT_LEAST
+            gains += [(float(gain), *one) for gain, one in zip(of_each, found, strict=True)]
+        gains.sort(key=lambda one: -one[0])
+        best = {h.label: (h, numbers) for gain, h, numbers in reversed(gains) if gain > WORTH_A_LOOK}
+        few = few_of_each([h for gain, h, _ in gains if gain > WORTH_A_LOOK], 2 * ALIKE)
+        return [best[label] for label in list(dict.fromkeys(h.label for h in few))[:SHORTLIST]]
 
     def judge(self, point: Point, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> Found:
         """What the logs say of a point's set, and further effects, with the levels that suit it."""
@@ -264,19 +280,54 @@ class Search:
         return found
 
 
+@dataclass(frozen=True)
+class Projection:
+    """What further columns have to do with the errors of a point beyond its nuisances and its own numbers."""
+
+    blocks: Blocks
+    levels: np.ndarray
+    """Of each block."""
+    errors: np.ndarray
+    """(rows,), each block at its level."""
+    known: np.ndarray
+    """Columns of nuisances and numbers, times their prior deviations, (rows, known)."""
+
+    @staticmethod
+    def of(
+        point: Point,
+        deviation: np.ndarray,
+        centre: np.ndarray,
+        logs: np.ndarray | None = None,
+        log_of_chunk: np.ndarray | None = None,
+    ) -> "Projection":
+        """By priors of what is known, as in ``Point.priors``; on some ``logs`` (bool), or on all."""
+        blocks, levels, whitened = point.basis.blocks, point.evidence.levels, point.whitened
+        if logs is not None and log_of_chunk is not None:
+            blocks, kept = blocks.of_logs(logs, log_of_chunk)
+            levels, whitened = levels[kept], [own[logs[log_of_chunk]] for own in whitened]
+        stacked = blocks.at_levels(whitened, levels)
+        return Projection(blocks, levels, stacked[:, 0] - stacked[:, 1:] @ centre, stacked[:, 1:] * deviation)
+
+    @cached_property
+    def root(self) -> np.ndarray:
+        """Cholesky factor of what is known, (known, known)."""
+        return np.linalg.cholesky(np.eye(self.known.shape[1]) + self.known.T @ self.known)
+
+    def of_columns(self, whitened: Whitened) -> tuple[np.ndarray, np.ndarray]:
+        """Inner products with the errors (columns,), and among each other (columns, columns), of what is left."""
+        columns = self.blocks.at_levels(whitened, self.levels)
+        cross = np.linalg.solve(self.root, self.known.T @ columns)
+        by_errors = columns.T @ self.errors - cross.T @ np.linalg.solve(self.root, self.known.T @ self.errors)
+        return by_errors, columns.T @ columns - cross.T @ cross
+
+
 def screen(point: Point, without: Sequence[int] = ()) -> list[tuple[float, Hypothesis]]:
     """Evidence that each further hypothesis alone would gain at the levels as they are, nats, the best first.
 
     In closed form: columns and errors less what the nuisances and the point's own numbers can do for them. Members
     ``without`` are taken back to nominal, and others of their effect may take their place.
     """
-    deviation, centre = point.priors((), without)
-    levels, used = point.evidence.levels, len(deviation)
-    stacked = [point.basis.blocks.at_levels(own, levels) for own in (point.whitened, point.basis.whitened)]
-    stacked[0][:, 0] -= stacked[0][:, 1:] @ centre
-    known, columns = stacked[0][:, 1:] * deviation, np.concatenate([stacked[0][:, :1], stacked[1]], axis=1)
-    cross = columns.T @ known
-    left = columns.T @ columns - cross @ np.linalg.solve(np.eye(used) + known.T @ known, cross.T)
+    by_errors, by_each = Projection.of(point, *point.priors((), without)).of_columns(point.basis.whitened)
     present = {h.name for m, (h, _) in enumerate(point.acting) if m not in without}
     same = {h.label for h, _ in point.acting}
     found = []
@@ -284,10 +335,10 @@ def screen(point: Point, without: Sequence[int] = ()) -> list[tuple[float, Hypot
         if h.name in present or h.label in same:
             continue
         size = prior_of(h)
-        part = np.zeros((len(left) - 1, len(size)))
+        part = np.zeros((len(by_errors), len(size)))
         for k, own in enumerate(size):
             part[point.basis.columns.at(h, k), k] = own
-        normal, slope = np.eye(len(size)) + part.T @ left[1:, 1:] @ part, part.T @ left[1:, 0]
+        normal, slope = np.eye(len(size)) + part.T @ by_each @ part, part.T @ by_errors
         allowed = (h.clip(h.nominal + np.linalg.solve(normal, slope) * size) - h.nominal) / size
         gain = slope @ allowed - 0.5 * allowed @ normal @ allowed - 0.5 * np.linalg.slogdet(normal)[1]
         found.append((float(gain), h))

@@ -7,8 +7,8 @@ d       evidence that is lost when the likeliest other effect takes a member's p
 c       share of the gap of whole logs that the set closes: how much
 ======  ==========================================================================================
 
-none: no set, u small · unknown: no set, u large, or a set that closes nothing of a gap · partly: a set, u large ·
-ambiguous: d small · named: else. A number at the end of its range is never named.
+none: no set, u small · unknown: no set, u large · partly: a set, u large · ambiguous: d small · named: else. A set that
+closes nothing of a gap is none. A number at the end of its range is never named.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ UNNAMED = 20.0
 SINGLES = 4
 """Number of single effects that a report lists beside the answer."""
 LEAST_CLOSURE = 0.01
-"""Share of the gap that each member of a set has to close."""
+"""Share of the gap that a set, and each member of it, has to close."""
 APART = LEAST_GAIN
 """Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀."""
 
@@ -91,17 +91,17 @@ def rivals_of(search: Search, found: Found, member: int) -> list[Rival]:
     return sorted(others, key=lambda rival: rival.loss)
 
 
-def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> EvidenceJudgement:
+def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> EvidenceJudgement:
     """The conclusion of a search: verdict, causes in the order of what they explain, and the four numbers."""
-    start, found = path[0], without_immaterial(search, path[0], path[-1], gap)
+    found = without_immaterial(search, start, found, gap)
     blocks = len(found.point.evidence.levels)
     u, before = found.unnamed, start.unnamed
     nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
     explained = u <= UNNAMED * blocks
     others = single_effects(search, start, found)
+    without = Conclusion("none" if before <= UNNAMED * blocks else "unknown", ())
     if not found.members:
-        numbers = Numbers(0.0, u, before, None, None, blocks)
-        return EvidenceJudgement(Conclusion("none" if explained else "unknown", ()), nominal, others, numbers)
+        return EvidenceJudgement(without, nominal, others, Numbers(0.0, u, before, None, None, blocks))
     losses = [found.evidence - found.evidence_without([m]) for m in range(len(found.members))]
     order = [int(m) for m in np.argsort(losses)[::-1]]
     rivals = [rivals_of(search, found, m) for m in order]
@@ -114,8 +114,8 @@ def conclude(search: Search, path: Sequence[Found], gap: HeldOutGap) -> Evidence
     closes = gap.figures([steps[-1]])[0].closure
     g = found.predictive - start.predictive
     numbers = Numbers(g, u, before, float(d), closes.value, blocks)
-    if gap.has_gap and closes.high <= 0:
-        return EvidenceJudgement(Conclusion("unknown", ()), nominal, others, numbers)
+    if gap.has_gap and closes.value < LEAST_CLOSURE:
+        return EvidenceJudgement(without, nominal, others, numbers)
     at_end = steps[-1].at_bound
     if not explained or at_end:
         verdict = "partly"
@@ -143,7 +143,7 @@ def without_immaterial(search: Search, start: Found, found: Found, gap: HeldOutG
         ]
         if not idle:
             break
-        search.progress(f"without {found.members[idle[0]].label}, which closes nothing")
+        search.progress(f"without {found.members[idle[0]].label}, which explains nothing")
         found = search.settle(found.with_members(fewer[idle[0]]))
     return found
 

@@ -124,6 +124,11 @@ class Filter:
             covariance = 0.5 * (covariance + covariance.transpose(0, 2, 1))
         return Filter(full, gains, roots, determinants, entries)
 
+    def of_chunks(self, chosen: np.ndarray) -> "Filter":
+        """The filter of some chunks, bool (chunks,)."""
+        gain, root = self.gain[chosen], self.inverse_root[chosen]
+        return Filter(self.transition[chosen], gain, root, self.log_determinant[chosen], self.entries)
+
     def whiten(self, steps: np.ndarray, measured: np.ndarray | None = None) -> np.ndarray:
         """Whitened innovations (chunks, longest, channels, columns).
 

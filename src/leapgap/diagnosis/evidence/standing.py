@@ -44,7 +44,7 @@ class Standing(Source):
         )
         scatter = float(np.std(list(borne.values())))
         if max(abs(mass - own), scatter) > BELIEVED * own:
-            says = f"{bears}: their forces are not in newtons, so they tell nothing of its mass"
+            says = f"{bears}: their forces are not in newtons, so they do not show its mass"
             return [Evidence(self.name, "weight_borne", mass, spread, "kg", borne, says)]
         (parameter,) = Payload.parameters(robot)
         spread = float(np.hypot(spread, CALIBRATED * own))

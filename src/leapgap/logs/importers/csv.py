@@ -55,7 +55,7 @@ def text_columns(path: Path, options: CsvOptions, wanted: Wanted) -> dict[str, n
         with opened(path) as file:
             table = pa.csv.read_csv(file, read, parse, pa.csv.ConvertOptions(decimal_point=options.decimal_point))
     except (pa.ArrowException, OSError) as error:
-        raise InputError(path, f"no whole CSV ({error})", "a header and rows of numbers", "export it anew") from None
+        raise InputError(path, f"no whole CSV ({error})", "a header and rows of numbers", "export it again") from None
     names = [name.strip() for name in table.column_names]
     if not options.header:
         names = [str(at) for at in range(table.num_columns)]

@@ -58,7 +58,7 @@ def hdf5_arrays(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
             for name, item in datasets(file, path):
                 take(name, item)
     except (OSError, RuntimeError, KeyError, ValueError) as error:
-        raise InputError(path, f"no whole HDF5 file ({error})", "datasets of numbers", "save it anew") from None
+        raise InputError(path, f"no whole HDF5 file ({error})", "datasets of numbers", "save it again") from None
     return arrays
 
 
@@ -78,7 +78,7 @@ def check_chunks(item: Any, where: str) -> None:
             if not mask:
                 unpack(data[:-4] if filters[-1] == CHECKSUM else data, zlib.decompressobj, where, size)
         elif packers and one.size > LARGEST_PIECE:
-            raise InputError(where, f"packed pieces of {one.size} bytes", f"{LARGEST_PIECE} at most", "save it anew")
+            raise InputError(where, f"packed pieces of {one.size} bytes", f"{LARGEST_PIECE} at most", "save it again")
 
 
 def datasets(file: Any, path: Path) -> Iterator[tuple[str, Any]]:

@@ -37,7 +37,7 @@ def records(path: Path) -> Any:
             return [json.loads(line) for line in text.splitlines() if line.strip()]
         return json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(path, f"no whole JSON ({error})", "records, or columns", "export it anew") from None
+        raise InputError(path, f"no whole JSON ({error})", "records, or columns", "export it again") from None
 
 
 def columns_of(held: Any, path: Path) -> dict[str, list[Any]]:
@@ -56,7 +56,7 @@ def columns_of(held: Any, path: Path) -> dict[str, list[Any]]:
         values = flat(record, path) if isinstance(record, Mapping) else {}
         lacking = next((name for name in names if name not in values), None)
         if lacking is not None:
-            raise InputError(f"{path}, record {row}", f"no {lacking}", "the keys of record 0", "export it anew")
+            raise InputError(f"{path}, record {row}", f"no {lacking}", "the keys of record 0", "export it again")
         for name in names:
             columns[name].append(values[name])
     return columns
@@ -71,7 +71,7 @@ def flat(record: Mapping[str, Any], path: Path, head: str = "", depth: int = 0) 
         else:
             found[f"{head}{key}"] = value
     if len(found) > MOST_COLUMNS:
-        raise InputError(path, f"more than {MOST_COLUMNS} keys", "the columns of a log", "export it anew")
+        raise InputError(path, f"more than {MOST_COLUMNS} keys", "the columns of a log", "export it again")
     return found
 
 

@@ -40,7 +40,7 @@ class Mat(TableFormat):
                 check_size(path, path.stat().st_size / 8)
             variables = loadmat(path, squeeze_me=True, struct_as_record=False)
         except (ValueError, TypeError, OSError, EOFError, IndexError, KeyError, zlib.error, struct.error) as error:
-            raise InputError(path, f"no whole MATLAB file ({error})", "arrays of numbers", "save it anew") from None
+            raise InputError(path, f"no whole MATLAB file ({error})", "arrays of numbers", "save it again") from None
         arrays: dict[str, np.ndarray] = {}
         for name, value in variables.items():
             collect(name, value, arrays, DEEPEST)
@@ -62,7 +62,7 @@ def check_elements(path: Path) -> None:
             kind, length = struct.unpack(f"{order}II", tag)
             after = file.tell() + length
             if after > size:
-                raise InputError(path, f"{size} bytes", f"{after} or more", "the file is cut off: copy it anew")
+                raise InputError(path, f"{size} bytes", f"{after} or more", "the file is cut off: copy it again")
             total += inflated_size(file, length, path, max(0, MOST_UNPACKED - total)) if kind == COMPRESSED else length
             check_size(path, total / 8)
             file.seek(after)

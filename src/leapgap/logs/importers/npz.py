@@ -30,7 +30,7 @@ class Npz(TableFormat):
                     return fields("array", array_of(file, path, 0))
             return archive(path, wanted)
         except (zipfile.BadZipFile, OSError, EOFError, ValueError) as error:
-            raise InputError(path, f"no whole NumPy archive ({error})", "arrays of numbers", "save it anew") from None
+            raise InputError(path, f"no whole NumPy archive ({error})", "arrays of numbers", "save it again") from None
 
 
 def archive(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:

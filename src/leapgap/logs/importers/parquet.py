@@ -17,7 +17,7 @@ from leapgap.logs.parquet_pages import check_pages
 
 
 class Parquet(TableFormat):
-    """Parquet tables with columns of any name; logs of ours need no import."""
+    """Parquet tables with columns of any name; logs in leapgap's format need no import."""
 
     name = "parquet"
     suffixes = (".parquet",)
@@ -43,7 +43,7 @@ def parquet_arrays(path: Path, wanted: Wanted, most_rows: int | None = None) -> 
             check_pages(path, file, set(tops))
             table = file.read(columns=tops)
     except (pa.ArrowException, OSError) as error:
-        raise InputError(path, f"no readable Parquet ({error})", "a whole file", "export it anew") from None
+        raise InputError(path, f"no readable Parquet ({error})", "a whole file", "export it again") from None
     columns = dict(zip(table.column_names, table.columns, strict=True))
     arrays: dict[str, np.ndarray] = {}
     while columns:

@@ -52,7 +52,7 @@ class Pt(TableFormat):
                 collect("", saved, arrays, path, DEEPEST)
         except zipfile.BadZipFile:
             expected = "a zip, as torch.save writes it since version 1.6"
-            raise InputError(path, "no whole zip", expected, "save it anew") from None
+            raise InputError(path, "no whole zip", expected, "save it again") from None
         except (pickle.UnpicklingError, EOFError, KeyError, ValueError, TypeError, AttributeError, IndexError) as error:
             expected = "tensors in mappings and lists"
             raise InputError(
@@ -97,7 +97,7 @@ class Archive(pickle.Unpickler):
         self.path, self.folder = path, folder
         files = [name for name in folder.namelist() if name.endswith("/data.pkl")]
         if len(files) != 1:
-            raise InputError(path, f"{len(files)} files data.pkl", "one, as torch.save writes it", "save it anew")
+            raise InputError(path, f"{len(files)} files data.pkl", "one, as torch.save writes it", "save it again")
         self.root = files[0].removesuffix("data.pkl")
         order = f"{self.root}byteorder"
         self.order = ">" if order in folder.namelist() and member(folder, order, path, 100).strip() == b"big" else "<"
@@ -127,7 +127,7 @@ class Archive(pickle.Unpickler):
         size = self.folder.getinfo(name).file_size
         if size != number * dtype.itemsize:
             found, expected = f"{size} bytes", f"{number} values of {dtype.itemsize} bytes"
-            raise InputError(f"{self.path}, data/{file}", found, expected, "the file is damaged: copy it anew")
+            raise InputError(f"{self.path}, data/{file}", found, expected, "the file is damaged: copy it again")
         self.count(number)
         return np.frombuffer(member(self.folder, name, self.path, MOST_BYTES), dtype)
 

@@ -137,7 +137,7 @@ def check_recording(path: Path) -> None:
     about = path / METADATA
     if about.is_file():
         if about.stat().st_size > MOST_BYTES:
-            raise InputError(about, f"{about.stat().st_size} bytes", f"{MOST_BYTES} at most", "copy the recording anew")
+            raise InputError(about, f"{about.stat().st_size} bytes", f"{MOST_BYTES} at most", "copy it again")
         check_values(from_yaml(about.read_text(encoding="utf-8")))
 
 
@@ -148,7 +148,7 @@ def check_tables(path: Path) -> None:
         names = [name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
         hidden = [row[6] for name in names for row in base.execute("SELECT * FROM pragma_table_xinfo(?)", (name,))]
     if not kinds <= {"table", "index"} or any(hidden):
-        raise InputError(path, "tables that are computed when they are read", "plain tables", "record it anew")
+        raise InputError(path, "tables that are computed when they are read", "plain tables", "record it again")
 
 
 @contextmanager

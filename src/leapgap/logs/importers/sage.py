@@ -84,7 +84,7 @@ def vectors(path: Path, joints: list[str]) -> dict[str, np.ndarray]:
     """Times and the vectors of one file, a column a joint: ``positions.Elbow``; times must not run back."""
     columns = text_columns(path, CsvOptions(), lambda _: True)
     if TIME not in columns:
-        raise InputError(path, f"no column {TIME}", "a time, µs", "export it anew")
+        raise InputError(path, f"no column {TIME}", "a time, µs", "export it again")
     found = {TIME: as_numbers(columns[TIME], f"{path}, {TIME}")}
     for name, values in columns.items():
         if values.ndim == 2:

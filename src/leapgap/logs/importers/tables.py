@@ -125,7 +125,7 @@ def as_numbers(values: np.ndarray, where: str) -> np.ndarray:
         try:
             numbers[row] = np.nan if value is None or value == "" else float(value)
         except (TypeError, ValueError):
-            raise InputError(f"{where}, row {row}", f"{value!r:.40}", "a number", "export it anew") from None
+            raise InputError(f"{where}, row {row}", f"{value!r:.40}", "a number", "export it again") from None
     return numbers
 
 

@@ -52,7 +52,7 @@ def judge_size(quantity: str, evidence: Evidence, proposal: Proposal) -> None:
         return
     if quantity == "tau" and not np.nan_to_num(evidence.values["tau"]).any():
         proposal.drop("tau")
-        proposal.say(ABSENT, "measured torques: left out, they are 0 in all rows")
+        proposal.say(ABSENT, "measured torques: left out, they are 0 in all samples")
         del evidence.values["tau"]
         return
     limit, usual = evidence.robot.torque_limits, np.nanmedian(np.abs(evidence.values[quantity]), axis=0)
@@ -96,7 +96,7 @@ def estimate_gains(evidence: Evidence, proposal: Proposal) -> None:
     if not all(good):
         weak = ", ".join(joint for joint, one in zip(evidence.robot.joints, good, strict=True) if not one)
         proposal.say(
-            MISSING, f"gains of the joint PD: the measured torque does not tell them for {weak}; state cmd_kp, cmd_kd"
+            MISSING, f"gains of the joint PD: undetermined by the measured torque for {weak}; state cmd_kp, cmd_kd"
         )
         return
     for name, values in (("cmd_kp", [one.kp for one in fits]), ("cmd_kd", [max(0.0, one.kd) for one in fits])):
@@ -125,7 +125,7 @@ def fill_commands(evidence: Evidence, proposal: Proposal) -> None:
                 del proposal.options[part][key]
         have -= {"cmd_pos", "cmd_vel"}
         proposal.notes = [one for one in proposal.notes if not one[1].startswith(("cmd_pos is", "cmd_vel is"))]
-        why = "the torque that was sent is the measured one: no joint PD acts beside it"
+        why = "the torque that was sent is the measured one: no joint PD acts"
         zero(("cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd"), have | stated, proposal, why)
         return
     if "cmd_pos" not in have:
@@ -148,7 +148,7 @@ def take_gains_of_servos(robot: Robot, proposal: Proposal) -> bool:
     proposal.notes = [one for one in proposal.notes if not (one[0] == MISSING and "gains" in one[1])]
     proposal.say(
         GUESSED,
-        "gains of the joint PD are unknown; those of the servos in the model file are a start. If known, state "
+        "gains of the joint PD are unknown; those of the servos in the model file are a first guess. If known, state "
         "constants.cmd_kp/* and cmd_kd/* (N·m/rad, N·m·s/rad) in place of gains: unknown",
     )
     return True

@@ -288,7 +288,9 @@ def judge_velocities(reading: Reading | None, evidence: Evidence, proposal: Prop
         why = "a time" if evidence.instants is None else "positions whose unit is known, and whose rates they are"
         proposal.drop("joint_vel")
         del evidence.values["joint_vel"]
-        proposal.say(ABSENT, f"measured velocities: left out, their unit shows beside {why}; state units.joint_vel/*")
+        proposal.say(
+            ABSENT, f"measured velocities: left out, their unit is unknown without {why}; state units.joint_vel/*"
+        )
         return
     put_unit("joint_vel", reading.velocity, evidence, proposal)
     evidence.values["joint_vel"] = evidence.values["joint_vel"] * np.where(
@@ -325,7 +327,7 @@ def mirror(quantity: str, found: Match, evidence: Evidence, proposal: Proposal, 
     turn(quantity, np.where(turned | every, -1.0, 1.0), evidence, proposal)
     what = {"joint_vel": "velocities", "cmd_pos": "set points", "cmd_vel": "set points of velocities"}[quantity]
     which, others = names_of(turned, evidence), names_of(~turned, evidence)
-    too = f", and with them {others}, which tell no sign" if every and others else ""
+    too = f", and with them {others}, of unknown sign" if every and others else ""
     proposal.say(
         GUESSED, f"{what} of {which} are mirror images of {whom}; they are turned round{too}, if not {whom} are to be"
     )
@@ -358,7 +360,7 @@ def leave_out_rates(evidence: Evidence, proposal: Proposal) -> None:
     """Set points of velocities whose unit nothing tells are left out."""
     proposal.drop("cmd_vel")
     del evidence.values["cmd_vel"]
-    proposal.say(ABSENT, "set points of velocities: left out, their unit shows beside measured velocities")
+    proposal.say(ABSENT, "set points of velocities: left out, their unit is unknown without measured velocities")
 
 
 def judge_set_point(
@@ -402,8 +404,8 @@ def judge_set_point(
         factor = UNITS["rad" if quantity == "cmd_pos" else "rad/s"][name]
         evidence.values[quantity] = evidence.values[quantity] * np.where(evidence.robot.turning, factor, 1.0)
     if not clear.all():
-        which = "nothing measured follows" if not clear.any() else f"{names_of(~clear, evidence)} hardly follow"
-        proposal.say(GUESSED, f"{quantity} is in {name}, as what is measured: {which} it closely enough to tell")
+        which = "no joint follows" if not clear.any() else f"all joints but {names_of(~clear, evidence)} follow"
+        proposal.say(GUESSED, f"{quantity} is in {name}, as what is measured: {which} it closely enough to be sure")
     elif not abs(np.log(size)) < np.log1p(0.15):
         proposal.say(
             GUESSED, f"{quantity} is in {name}, the nearest unit: what is measured moves {size:.3g} times as far"

@@ -85,7 +85,7 @@ def propose_map(source: Path, robot: Robot, format: str | None = None) -> Propos
     """The proposal for the first log below a folder, or for a file; nothing is imported."""
     layout, path = first_file(source, format)
     check_tree(path, f"a log of format {layout.name}", "copy the files themselves")
-    with decoding(path, layout.name, "export it anew"):
+    with decoding(path, layout.name, "export it again"):
         written = as_written(layout, path)
         options = layout.Options(**written)
         first = layout.first_log(layout.table(path, options))
@@ -156,6 +156,6 @@ def first_file(source: Path, format: str | None) -> tuple[TableFormat, Path]:
     below = next((one for one in sorted(source.glob("*/*")) if one.name.endswith(tuple(endings))), None)
     if below is not None:
         do = f"name {below.parent}; where a run is several files, join them into one on one clock, or use SAGE's layout"
-        raise InputError(source, f"files in folders, such as {below.name}", "logs beside each other", do)
+        raise InputError(source, f"files in folders, such as {below.name}", "logs side by side", do)
     known = ", ".join(name for name, kind in formats().items() if issubclass(kind, TableFormat))
     raise InputError(source, "no file of a known format", f"one of {known}", "state --format, or export the logs")

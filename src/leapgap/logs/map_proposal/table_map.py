@@ -96,7 +96,7 @@ def tell_unused(columns: Sequence[str], table: Table, robot: Robot, proposal: Pr
         proposal.say(UNUSED, names)
     others = {name: array for name, array in table.arrays.items() if not array.ndim or table.rows() not in array.shape}
     if names := in_groups(list(others)):
-        proposal.say(UNUSED, f"no part of the log, with other numbers of rows: {names}")
+        proposal.say(UNUSED, f"not part of the log, of another length: {names}")
     texts = [name for name in table.columns if name in table.arrays and table.arrays[name].dtype.kind in "OSU"]
     if names := in_groups([name for name in texts if name not in others]):
         proposal.say(UNUSED, f"texts, which can cut the log or drop rows (cut_by, drop_rows): {names}")

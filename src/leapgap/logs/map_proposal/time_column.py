@@ -69,7 +69,7 @@ def find_steps(column: str, steps: np.ndarray, evidence: Evidence, proposal: Pro
         proposal.options["period_s"] = float(f"{steps[0] * UNITS['s'][unit]:.12g}")
     else:
         proposal.options["steps"] = column
-    proposal.say(GUESSED, f"the rows are as far apart as {column} says")
+    proposal.say(GUESSED, f"the spacing of the samples is {column}")
 
 
 def judge_time(columns: Sequence[str], reading: Reading | None, evidence: Evidence, proposal: Proposal) -> None:
