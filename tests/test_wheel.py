@@ -37,6 +37,7 @@ HEAVY = {
     "omegaconf",
     "onnx",
     "onnxruntime",
+    "osqp",
     "rerun",
     "rosbags",
     "torch",

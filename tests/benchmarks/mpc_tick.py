@@ -28,6 +28,7 @@ from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.mpc import ForcePlan
 from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.control.mpc_controller import JumpMpc
+from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.experiments.on_policy import LearnedMpcConfig
 from leapgap.jumping.learning.windows import TimeGrid
@@ -74,6 +75,7 @@ def measure(
     weights, small = Weights.of(PAPER), Weights.of(SMALL)
     kinds: dict[str, tuple[PredictionModel | DeviationModel, MpcConfig]] = {
         "daqp": (Networks(weights), MpcConfig(grid)),
+        "osqp": (Networks(weights), MpcConfig(grid, qp=QpConfig("osqp"))),
         "daqp_small_networks": (Networks(small), MpcConfig(grid)),
         "daqp_along_plan": (along_plan(), replace(LEARNED, grid=grid)),
     }
@@ -127,7 +129,7 @@ def judge(
 ) -> None:
     """Largest deviation of each version's forces from the exact ones of the same networks."""
     for name in ("daqp", "daqp_small_networks", "daqp_along_plan"):
-        same_networks = [name.replace("daqp", kind) for kind in ("daqp", "compiled", "torch_osqp")]
+        same_networks = [name.replace("daqp", kind) for kind in ("daqp", "osqp", "compiled", "torch_osqp")]
         for i, exact in enumerate(plans[name]):
             if exact.solution is None:
                 raise SystemExit(f"{name}: a plan without its problem")
@@ -162,7 +164,9 @@ def main() -> None:
     ours = {k: results[k][compiled].row() for k in GRIDS}
     result = {
         **{f"tick_us_{part}": {k: ours[k][part] for k in GRIDS} for part in ("median", "p99", "p99_9", "worst")},
-        "qp_us_median": {"daqp": {k: round(float(np.median(results[k]["daqp"].qp_microseconds)), 1) for k in GRIDS}},
+        "qp_us_median": {
+            b: {k: round(float(np.median(results[k][b].qp_microseconds)), 1) for k in GRIDS} for b in ("daqp", "osqp")
+        },
         "force_error_n": {name: {k: results[k][name].row()["force_error_n"] for k in GRIDS} for name in results["k10"]},
         "ratio_to_torch_osqp": {k: ratio(results[k], compiled, "torch_osqp", "median") for k in GRIDS},
         "ratio_to_torch_osqp_cpu": {k: ratio(results[k], compiled, "torch_osqp", "cpu_median") for k in GRIDS},

@@ -9,7 +9,7 @@ import pytest
 from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements
 from leapgap.jumping.control.mpc import ForcePlanner
 from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.control.qp import INFEASIBLE, OUT_OF_TIME, Qp, QpSolution, QpSolver
+from leapgap.jumping.control.qp import INFEASIBLE, OUT_OF_TIME, Qp, QpConfig, QpSolution, QpSolver, solver
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.rigid_body import PITCH, PITCH_RATE, VX, VZ, X, Z
@@ -92,13 +92,17 @@ def test_between_updates_of_the_grid_a_plan_is_made_all_the_same() -> None:
 
 
 @pytest.mark.parametrize("grid", [TimeGrid(0.025, 0.025, 10), TimeGrid(0.05, 0.05, 10), TimeGrid(0.025, 0.08, 22)])
-def test_other_grids_and_schedules_plan(grid: TimeGrid) -> None:
+def test_other_grids_and_solvers_and_schedules_plan(grid: TimeGrid) -> None:
     reference = rigid_reference(BODY, 0.05, ContactSchedule(0.45, 0.3, 0.4))
-    mpc = ForcePlanner(reference, MODEL, MpcConfig(grid))
-    for time_s in (0.0, 0.3, 0.7, 0.75, 1.0):
-        row = reference.row(time_s)
-        assert np.isfinite(mpc.plan(time_s, reference.state[row] + 0.01, reference.foot[row]).force).all()
-    assert not mpc.fallbacks
+    forces = []
+    for backend in ("daqp", "osqp"):
+        mpc = ForcePlanner(reference, MODEL, MpcConfig(grid, qp=QpConfig(backend)))
+        for time_s in (0.0, 0.3, 0.7, 0.75, 1.0):
+            row = reference.row(time_s)
+            forces.append(mpc.plan(time_s, reference.state[row] + 0.01, reference.foot[row]).force)
+        assert not mpc.fallbacks
+    for exact, split in zip(forces[:5], forces[5:], strict=True):
+        assert split == pytest.approx(exact, abs=1.0)
 
 
 def test_nothing_is_planned_in_flight() -> None:
@@ -117,7 +121,7 @@ class Contradicting(QpSolver):
         rows = np.zeros((2, len(qp.gradient)))
         rows[0, 0], rows[1, 0] = 1.0, -1.0
         both = replace(qp, rows=np.vstack([qp.rows, rows]), row_upper=np.append(qp.row_upper, [-1.0, -1.0]))
-        return QpSolver().solve(both, time_limit_s)
+        return solver(QpConfig()).solve(both, time_limit_s)
 
 
 class Distorted(PredictionModel):

@@ -12,7 +12,7 @@ from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPla
 from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements, guarded_solve
 from leapgap.jumping.control.horizon import ROUNDING_S
 from leapgap.jumping.control.late_stance import LateStance, StanceMeter, Transition
-from leapgap.jumping.control.qp import Qp, QpConfig, QpSolver
+from leapgap.jumping.control.qp import Qp, QpConfig, solver
 from leapgap.jumping.control.shift_horizon import ShiftGrid
 from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
 from leapgap.jumping.control.start_frame import StartFrame
@@ -57,7 +57,7 @@ class ShiftTracker(JumpController):
         self.planner = None if model is None else GoalShiftPlanner(plan, model, target, config)
         if self.planner is not None:
             self.planner.prepare()
-        self.solver = QpSolver(QP)
+        self.solver = solver(QP)
         self.watch = None if model is None else ChangeWatch(model.calm, config.sudden)
         shape = (self.grid.updates, GOAL_AXES)
         self.exploration = np.zeros(shape) if exploration is None else exploration

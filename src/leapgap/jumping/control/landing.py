@@ -14,7 +14,7 @@ from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequiremen
 from leapgap.jumping.control.horizon import ROUNDING_S, Horizon
 from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.jumping.control.mpc_config import StateWeights
-from leapgap.jumping.control.qp import Qp, QpConfig, QpSolver
+from leapgap.jumping.control.qp import Qp, QpConfig, solver
 from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.jumping.models.affine_model import AffineModel, Situation
 from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, RigidBody, X, Z
@@ -69,7 +69,7 @@ class LandingMpc(Controller):
         self.model = RigidBodyModel(body)
         self.legs = LegKinematics(robot)
         self.border = Border(robot)
-        self.solver = QpSolver(config.qp)
+        self.solver = solver(config.qp)
         self.fallbacks: Counter[str] = Counter()
         self.force = standing_force(self.model.body)
         self._next_update_s = -np.inf

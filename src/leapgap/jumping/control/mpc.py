@@ -14,7 +14,7 @@ from leapgap.jumping.control.first_step_model import FirstStep, Uncompiled, firs
 from leapgap.jumping.control.guarded_solve import NOT_FINITE, guarded_solve
 from leapgap.jumping.control.horizon import ROUNDING_S, Horizon, horizon
 from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.control.qp import Qp, QpSolution, QpSolver
+from leapgap.jumping.control.qp import Qp, QpSolution, QpSolver, solver
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.deviation_model import CURVATURE, DeviationModel, PlannedSteps
@@ -171,7 +171,7 @@ class ForcePlanner:
         along = isinstance(model, DeviationModel)
         self.formulation = (AlongPlan if along else AsMeasured)(reference, model, config)  # type: ignore[arg-type]
         self.first_step = self.formulation.first_step(self.compiled)
-        self.solver = qp_solver or QpSolver(config.qp)
+        self.solver = qp_solver or solver(config.qp)
         self.fallbacks: Counter[str] = Counter()
         self._good: ForcePlan | None = None
         updates = np.arange(0.0, reference.schedule.take_off_s - ROUNDING_S, config.period_s)
