@@ -20,7 +20,7 @@ ROWS = [
     ("a wrong named, of all cases", "wrongly_named", 100),
     ("both of a pair, where both show", "pairs_both_named", 100),
     ("members of a triple, of those detectable", "triples_members_named", 100),
-    ("unknown or partly, of detectable effects", "unknown_recall", 100),
+    ("unknown or partly, of detectable unmodelled effects", "unknown_recall", 100),
     ("none, of robots with nothing wrong", "none_correct", 100),
     ("overlap of the map", "where_overlap", 1),
     ("median parameter error", "parameter_error_median", 100),
@@ -34,7 +34,7 @@ INJECTED = [
     ("nothing wrong", "none_correct", 100),
     ("median parameter error", "injected_parameter_error_median", 100),
     ("95 % intervals that hold the truth", "injected_coverage", 100),
-    ("mean difference of promised and realised closure", "closure_promise_error", 1),
+    ("mean difference of promised and realised reduction", "closure_promise_error", 1),
 ]
 COLUMNS = {"a1": 0, "ur5e": 1}
 SINGLES = r"the right cause first in (\d+) of (\d+) detectable single faults"

@@ -30,7 +30,7 @@ def test_the_report_says_which_logs_were_diagnosed(tmp_path: Path, monkeypatch: 
     said: list[str] = []
     report = diagnose_folder(tmp_path / "logs", Robot.load(tmp_path / "robot.xml"), settings, said.append)
     assert report is not None
-    sentence = "3 of 4 logs, spread evenly over 4 logs, were diagnosed (6000 of 8000 rows)"
+    sentence = "3 of 4 logs, spread evenly over 4 logs, were diagnosed (6000 of 8000 samples)"
     assert said[0].startswith(sentence)
     assert [log.name for log in report.logs] == ["swing_0", "swing_1", "swing_2"]
     report.write(tmp_path)

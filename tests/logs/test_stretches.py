@@ -45,7 +45,7 @@ def test_of_many_short_logs_every_nth_is_taken_whole() -> None:
     chosen, (said,) = choose_stretches(jumps)
     assert len(chosen) == 50 and all(len(one) == 1200 for one in chosen)
     assert all(any(one is jump for jump in jumps) for one in chosen)
-    assert said.startswith("50 of 500 logs, spread evenly over 500 logs, were diagnosed (60000 of 600000 rows)")
+    assert said.startswith("50 of 500 logs, spread evenly over 500 logs, were diagnosed (60000 of 600000 samples)")
 
 
 def test_one_long_log_gives_at_least_two_stretches_to_judge_on() -> None:

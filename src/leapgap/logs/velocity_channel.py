@@ -31,6 +31,8 @@ EXPLAINS = 2.0
 """A lag leaves at most 1/so much of the variance that velocities without it leave."""
 FITS = 0.8
 """Least share of the variance of displacements that velocities with their lag explain."""
+LEAST_REST = 0.02
+"""Share of its size by which a velocity must be off without lag or ticks to be told."""
 LATE, FILTERED, UNCLEAR = "late", "filtered", "late or filtered"
 OTHER_UNIT, FEWEST_JOINTS = 1.25, 3
 """Of so many joints or more one has two units, where its s is so many times that of the others, or they of it."""
@@ -108,9 +110,11 @@ def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[s
         off = in_place - velocity[:, k]
         edge = round((window_s + lag.late_s) / period) + 1
         own, fitted = in_place[edge:-edge], fit.velocity[edge:-edge, k]
-        alike = own * (own @ fitted) / max(own @ own, np.finfo(float).tiny)  # whatever the clock
+        by = np.stack([own, np.gradient(own)], axis=1) if len(own) > 1 else np.ones((len(own), 1))
+        alike = by @ np.linalg.lstsq(by, fitted, rcond=None)[0]  # whatever the clock and half a row of lag
         rest = float(np.sqrt(np.mean((alike - fitted) ** 2))) if len(own) else 0.0
-        rest = rest if rest > SURE * np.hypot(np.hypot(noise[k], derived[k]), tick / np.sqrt(12)) else 0.0
+        known = np.hypot(np.hypot(noise[k], derived[k]), tick / np.sqrt(12))
+        rest = rest if rest > max(SURE * known, LEAST_REST * sizes[k]) else 0.0
         found[named[k]] = VelocityColumn(
             lag.late_s,
             lag.error_s,
