@@ -37,8 +37,8 @@ class Paired:
     def with_all(self) -> "Paired":
         """The same with the evidence of all columns of the basis, in place of those of the nuisances alone."""
         point, basis = self.point, self.point.basis
-        parts = zip(point.whitened, basis.whitened, strict=True)
-        columns = [np.concatenate([own[..., :1], of, own[..., 1 + point.nuisances :]], axis=3) for own, of in parts]
+        parts = zip(point.own, basis.whitened, strict=True)
+        columns = [np.concatenate([own[..., :1], of, own[..., 1:]], axis=3) for own, of in parts]
         evidence = Evidence.of(basis.blocks, columns, basis.all_products)
         evidence = replace(evidence, levels=point.evidence.levels)
         return replace(self, point=replace(point, evidence=evidence))

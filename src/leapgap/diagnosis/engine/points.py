@@ -104,17 +104,22 @@ class Point:
     acting: Acting
     intervals: Intervals
     basis: Basis
-    whitened: Whitened
-    """Errors, nuisances, numbers of the acting effects."""
+    own: Whitened
+    """Errors, and behind them columns of the numbers of the acting effects."""
     evidence: Evidence
-    """Of the same."""
+    """Of errors, nuisances and numbers."""
 
     @staticmethod
     def of(acting: Acting, intervals: Intervals, basis: Basis, errors: Whitened, slopes: Whitened) -> "Point":
         """The point with whitened errors, and columns of the numbers of its effects."""
-        parts = zip(errors, basis.of_nuisances, slopes, strict=True)
-        whitened = [np.concatenate(own, axis=3) for own in parts]
-        return Point(acting, intervals, basis, whitened, Evidence.of(basis.blocks, whitened, basis.products))
+        own = [np.concatenate(pair, axis=3) for pair in zip(errors, slopes, strict=True)]
+        evidence = Evidence.of(basis.blocks, with_nuisances(own, basis), basis.products)
+        return Point(acting, intervals, basis, own, evidence)
+
+    @property
+    def whitened(self) -> Whitened:
+        """Errors, nuisances, numbers of the acting effects; made from its parts each time, since points are many."""
+        return with_nuisances(self.own, self.basis)
 
     @property
     def nuisances(self) -> int:
@@ -137,7 +142,7 @@ class Point:
 
     def evidence_with(self, further: Sequence[Hypothesis]) -> Evidence:
         """Evidence with the columns of further effects, by this linearisation."""
-        found, columns = self.evidence, self.whitened
+        found, columns = self.evidence, self.whitened if further else []
         for h in further:
             new = self.basis.of_hypothesis(h)
             found = found.extended(columns, new)
@@ -332,6 +337,12 @@ class Bench:
 def in_drive(kind: type[Effect]) -> bool:
     """Whether an effect acts between the commands and the torques of the motors, on nothing that is measured."""
     return not overrides(kind, "change_measured") and any(overrides(kind, method) for method in DRIVE)
+
+
+def with_nuisances(own: Whitened, basis: Basis) -> Whitened:
+    """Errors, nuisances and further columns, from errors and further columns."""
+    pairs = zip(own, basis.of_nuisances, strict=True)
+    return [np.concatenate([of[..., :1], nuisances, of[..., 1:]], axis=3) for of, nuisances in pairs]
 
 
 def prior_of(h: Hypothesis) -> np.ndarray:

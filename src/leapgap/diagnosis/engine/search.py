@@ -81,7 +81,7 @@ class Found:
         Errors of such a set are as large as expected at the least level in every block.
         """
         evidence = self.point.evidence
-        rows = sum((end - first) for _, first, end in evidence.blocks.places) * self.point.whitened[0].shape[2]
+        rows = sum((end - first) for _, first, end in evidence.blocks.places) * self.point.own[0].shape[2]
         return float(-0.5 * (rows + evidence.blocks.constant[0].sum()) - self.by_level.max(axis=0).sum())
 
     def evidence_without(self, members: Sequence[int]) -> float:
