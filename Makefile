@@ -55,7 +55,7 @@ DEMO_READY := $(if $(wildcard .venv/ready),.venv/ready,.venv/demo_ready)
 	$(PIP) -e ".[view]"
 	touch $@
 
-# What `dvc repro` would run, by the code as it stands: the hashes of code are made anew first.
+# What `dvc repro` would run, by the code as it stands: the hashes of code are made again first.
 .PHONY: status
 status: .venv/ready
 	@python -m stages.code
@@ -114,7 +114,7 @@ test: .venv/ready renderer
 test-all: .venv/ready renderer
 	pytest -n 2 --dist loadfile --no-loadscope-reorder tests/test_pipeline.py tests  # the longest file first
 
-# The site, in site/index.html; opens from the file, without a network. Its pictures are made anew where the scripts or examples
+# The site, in site/index.html; opens from the file, without a network. Its pictures are made again where the scripts or examples
 # that make them have changed: a minute of a processor each.
 PICTURES := docs/pictures
 docs: export NO_MKDOCS_2_WARNING := 1  # a notice of its theme's authors

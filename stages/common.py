@@ -203,7 +203,7 @@ def params_with_overrides(arguments: list[str], extensible: str | None = None) -
 
 def read_params() -> DictConfig:
     """``params.yaml`` of the working folder; ``InputError`` for one that is broken."""
-    do = "write it anew: python -m stages.params"
+    do = "write it again: python -m stages.params"
     if not PARAMS.is_file():
         raise InputError(PARAMS, "no such file", "the parameters of all stages", do)
     try:

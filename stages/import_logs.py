@@ -1,4 +1,4 @@
-"""Import logs of other formats as logs of ours.
+"""Import logs of other formats into the format of leapgap.
 
 Examples:
 

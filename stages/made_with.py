@@ -106,7 +106,7 @@ def note(root: Path, names: Sequence[str], unchanged: str = "") -> None:
         if not (root / name).is_file():
             raise InputError(root / name, "no such file", "a file of figures", "make it first")
         if unchanged and name not in known:
-            raise InputError(root / name, "no record of its code", "figures of known code", "make it anew")
+            raise InputError(root / name, "no record of its code", "figures of known code", "make it again")
         made = {"commit": known[name]["commit"], "unchanged": unchanged} if unchanged else {"commit": commit(root)}
         known[name] = made | {"code": fingerprint(root, CODE[name])}
     write_json(root / NOTED, dict(sorted(known.items())))

@@ -100,6 +100,6 @@ def test_only_figures_that_are_known_and_there_are_noted(tmp_path: Path) -> None
         made_with.note(tmp_path, ["metrics/blind.json"])
     (tmp_path / "metrics").mkdir()
     (tmp_path / "metrics/blind.json").write_text("{}")
-    with pytest.raises(InputError, match="make it anew"):
+    with pytest.raises(InputError, match="make it again"):
         made_with.note(tmp_path, ["metrics/blind.json"], unchanged="it must be so")
     assert not (tmp_path / made_with.NOTED).exists()

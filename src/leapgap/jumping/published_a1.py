@@ -121,7 +121,7 @@ def read_tables(folder: Path) -> dict[str, np.ndarray]:
     for stem, table in tables.items():
         if len(table) != rows:
             where = folder / f"{stem}.txt"
-            raise InputError(where, f"{len(table)} rows", f"{rows}, as in pos.txt", "copy the jump anew")
+            raise InputError(where, f"{len(table)} rows", f"{rows}, as in pos.txt", "copy the jump again")
     return tables
 
 

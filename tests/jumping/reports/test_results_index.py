@@ -48,7 +48,7 @@ def test_figures_sentence_and_page_of_what_is_there(project: Path) -> None:
 @pytest.mark.parametrize("content", ["{}", '{"mean_abs_error_cm": 3}', '{"mean_abs_error_cm": {"a": null, "b": "x"}}'])
 def test_metrics_of_another_form_are_refused_with_the_command_that_makes_them(project: Path, content: str) -> None:
     (project / "metrics/landing.json").write_text(content)
-    with pytest.raises(InputError, match=r"landing\.json: found other figures .* make it anew: dvc repro land$"):
+    with pytest.raises(InputError, match=r"landing\.json: found other figures .* make it again: dvc repro land$"):
         sections(project)
 
 

@@ -1,6 +1,6 @@
 """Numerical functions compiled by numba where it is installed (extra ``compiled``); plain Python runs them without it.
 
-A compiled function calls compiled functions of its own file only: what numba keeps on disk is compiled anew when that
+A compiled function calls compiled functions of its own file only: what numba keeps on disk is compiled again when that
 file changes, and does not look at others.
 """
 

@@ -165,7 +165,7 @@ class GoalShiftPlanner:
         self._prepared: dict[int, PreparedUpdate] = {}
 
     def moved(self, model: LandingPredictor, target: np.ndarray, change: np.ndarray) -> "GoalShiftPlanner":
-        """The planner where goal and stance are changed (axes,) from those of the plan; little is computed anew."""
+        """The planner where goal and stance are changed (axes,) from those of the plan; little is computed again."""
         return GoalShiftPlanner(self.plan, model, target, self.config, change, self.bases)
 
     def prepare(self) -> None:

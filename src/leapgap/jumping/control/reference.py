@@ -38,14 +38,16 @@ class Reference:
         """The reference of a planned jump; ``InputError`` where joints are missing or it ends before its take-off."""
         missing = [joint for joint in robot.joints if f"cmd_pos/{joint}" not in jump]
         if missing:
-            raise InputError(jump.name, f"no joint {', '.join(missing)}", f"the joints of {robot.name}", "plan it anew")
+            raise InputError(
+                jump.name, f"no joint {', '.join(missing)}", f"the joints of {robot.name}", "plan it again"
+            )
         schedule, period = schedule_of(jump), jump.info.sample_period_s
         if jump.time[-1] < schedule.take_off_s:
             raise InputError(
                 jump.name,
                 f"a reference that ends at {jump.time[-1]:g} s",
                 f"one that reaches its take-off at {schedule.take_off_s:g} s",
-                "plan it anew (stages.optimize)",
+                "plan it again (stages.optimize)",
             )
         state = states(jump)
         state[:, 0] -= state[0, 0]

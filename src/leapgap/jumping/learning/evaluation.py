@@ -58,7 +58,10 @@ def predict_held_out(windows: Windows, folder: Path, prefix: str) -> HeldOutPred
         missing = sorted(set(split["held_out"]) - set(windows.jumps))
         if missing:
             raise InputError(
-                folder, f"models of {name} for {', '.join(missing)}", "models of these windows", "run stages.train anew"
+                folder,
+                f"models of {name} for {', '.join(missing)}",
+                "models of these windows",
+                "run stages.train again",
             )
         which = np.isin(windows.jump, [windows.jumps.index(jump) for jump in split["held_out"]])
         mine = windows.of_jumps(split["held_out"])
@@ -71,7 +74,7 @@ def predict_held_out(windows: Windows, folder: Path, prefix: str) -> HeldOutPred
                     folder / name / f"{model}.json",
                     "a held-out jump among those trained on",
                     "none",
-                    "run stages.train anew",
+                    "run stages.train again",
                 )
             inputs = mine.inputs.without_measured_future if recipe.is_forecast else mine.inputs
             states[model][which] = stored.model.predict(inputs)

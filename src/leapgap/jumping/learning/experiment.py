@@ -57,7 +57,7 @@ class TrainConfig:
     trainer: dict[str, Any] = field(default_factory=lambda: dict(TRAINER))
     """Arguments of Lightning's Trainer."""
     logger: LoggerConfig = field(default_factory=LoggerConfig)
-    """Who is given the losses along the trainings besides ``curves.csv``; no result depends on it."""
+    """What receives the losses along the trainings besides ``curves.csv``; no result depends on it."""
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing, before any work."""

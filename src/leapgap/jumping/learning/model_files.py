@@ -26,7 +26,7 @@ def read_model(
 
     ``infinite`` names arrays that may be infinite, from the JSON object.
     """
-    path, again = folder / f"{name}.json", "run stages.train anew"
+    path, again = folder / f"{name}.json", "run stages.train again"
     about = read_json(path)
     if about.get("format_version") != format_version:
         raise InputError(path, f"format_version {about.get('format_version')}", str(format_version), again)

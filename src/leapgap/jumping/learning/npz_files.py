@@ -21,7 +21,7 @@ LARGEST_HEADER = 100_000
 """Bytes in which an array states its shape and type."""
 KINDS = "biuf"
 """Kinds of values that arrays may have: truth values and numbers."""
-AGAIN = "run it anew"
+AGAIN = "run it again"
 
 
 def write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:

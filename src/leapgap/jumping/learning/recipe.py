@@ -88,7 +88,7 @@ class TrainingRun:
     steps_an_epoch: int
     """Steps between checkpoints, and between points of the curve."""
     logger: LoggerConfig = field(default_factory=LoggerConfig)
-    """Who is given the points of the curve."""
+    """What receives the points of the curve."""
     models: Path = Path()
     """Folder of all models, by which a logger groups trainings."""
 

@@ -33,7 +33,7 @@ def deviation_recipes() -> dict[str, DeviationRecipe]:
 def find_recipe(name: str, where: Path | str) -> ModelRecipe:
     """The recipe of a model's name; ``InputError`` where there is none."""
     if name not in recipes():
-        raise InputError(where, f"a model named {name}", f"some of {', '.join(recipes())}", "run stages.train anew")
+        raise InputError(where, f"a model named {name}", f"some of {', '.join(recipes())}", "run stages.train again")
     return recipes()[name]
 
 

@@ -56,7 +56,7 @@ class Learner(lightning.LightningModule):
     def training_step(self, *_: Any) -> torch.Tensor:
         """Squared errors over the horizon, summed over the members, and the penalty of the outputs.
 
-        Dropout is seeded anew at each step, so that a resumed training ends in the same bits.
+        Dropout is seeded again at each step, so that a resumed training ends in the same bits.
         """
         torch.manual_seed((self.seed << 32) + (self.global_step << 8) + self.global_rank)
         batch = self.batches["train"]

@@ -30,7 +30,7 @@ from leapgap.runtime.atomic_io import whole_file
 LEVELS = (0.5, 0.8, 0.95)
 """Of the intervals whose width is fitted and whose coverage is checked."""
 MOST_REFITS, MOST_LEFT_OUT = 24, 64
-"""Number of training jumps up to which the kernel is fitted anew without each, and largest number left out in turn."""
+"""Number of training jumps up to which the kernel is fitted again without each, and largest number left out in turn."""
 SMOOTHING_STEPS = 1.0
 """Errors of neighbouring starts are averaged with a Gaussian this wide: a dozen jumps give few of each."""
 
@@ -93,7 +93,7 @@ def posterior_variance(
 def fit(windows: Windows, fit_kernel: Callable[[Windows], KernelModel], config: KernelConfig) -> PredictionUncertainty:
     """Leave training jumps out in turn, all of up to ``MOST_LEFT_OUT``; the jumps must be two or more.
 
-    Up to ``MOST_REFITS`` jumps, the kernel is fitted anew without each. With more jumps, one counts for little in the
+    Up to ``MOST_REFITS`` jumps, the kernel is fitted again without each. With more jumps, one counts for little in the
     scalings and gains, which are kept, and the kernel without it follows in closed form.
     """
     whole = kernel_posterior(fit_kernel(windows), config)
@@ -183,9 +183,9 @@ def save(uncertainty: PredictionUncertainty, path: Path) -> None:
 def load(path: Path, kernel: KernelModel) -> PredictionUncertainty:
     """Read back, beside the kernel it is of."""
     arrays = read_npz(path)
-    check_finite(arrays, path, "run stages.train anew")
+    check_finite(arrays, path, "run stages.train again")
     if {name: array.ndim for name, array in arrays.items()} != {"variance": 3, "familiar": 2, "ridge": 1}:
-        raise InputError(path, f"arrays {', '.join(arrays)}", "variance, familiar and ridge", "run stages.train anew")
+        raise InputError(path, f"arrays {', '.join(arrays)}", "variance, familiar and ridge", "run stages.train again")
     config = KernelConfig(ridge_contact=float(arrays["ridge"][0]), ridge_flight=float(arrays["ridge"][1]))
     bare = kernel_posterior(kernel, config)
     return PredictionUncertainty(kernel, bare.inverse, bare.ridge, arrays["variance"], arrays["familiar"])

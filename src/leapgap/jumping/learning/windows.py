@@ -247,7 +247,7 @@ def read(folder: Path) -> Windows:
             folder / "windows.json",
             f"format_version {about.get('format_version')}",
             str(FORMAT_VERSION),
-            "run stages.chunk anew",
+            "run stages.chunk again",
         )
     arrays = read_npz(folder / "windows.npz")
     try:
@@ -268,7 +268,7 @@ def read(folder: Path) -> Windows:
 
 def unfit(where: object, said: str) -> InputError:
     """The refusal of windows whose parts contradict each other."""
-    return InputError(where, f"windows that do not fit ({said})", "windows of this version", "run stages.chunk anew")
+    return InputError(where, f"windows that do not fit ({said})", "windows of this version", "run stages.chunk again")
 
 
 def check(windows: Windows, where: object) -> None:
@@ -280,7 +280,7 @@ def check(windows: Windows, where: object) -> None:
         if array.shape != shape or array.dtype.kind != kind:
             expected = f"shape {shape} and kind {kind}, for {count} windows of {steps} steps"
             raise unfit(where, f"{name} has shape {array.shape} and kind {array.dtype.kind}, not {expected}")
-    check_finite({name: getattr(windows, name) for name in ARRAYS}, where, "cut them anew from whole logs")
+    check_finite({name: getattr(windows, name) for name in ARRAYS}, where, "cut them again from whole logs")
     names = windows.jumps
     if len(set(names)) != len(names) or not all(isinstance(name, str) for name in names):
         raise unfit(where, "names of jumps that are no texts or that are there twice")

@@ -1,6 +1,6 @@
 """What the MPC of the ground forces predicts at each of its updates, beside the reference that it follows.
 
-The predictions are computed anew from the logged states: the same problem, model and solver as in the controller, which
+The predictions are computed from the logged states: the same problem, model and solver as in the controller, which
 logs only the first force of each horizon.
 """
 

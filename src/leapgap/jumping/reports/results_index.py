@@ -231,7 +231,7 @@ def read_figures(source: Source, path: Path) -> tuple[dict[str, str], dict[str, 
         return figures, bars
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         says = f"other figures than {source.title!r} has ({type(error).__name__}: {error})"
-        raise InputError(path, says, "what its command writes", f"make it anew: {source.command}") from None
+        raise InputError(path, says, "what its command writes", f"make it again: {source.command}") from None
 
 
 def of_robot(case: Mapping[str, Any]) -> str:

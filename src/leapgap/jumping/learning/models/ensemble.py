@@ -69,7 +69,7 @@ class BlendRecipe(ModelRecipe):
     uncertainty_from = "kernel"
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
-        """Nothing is fitted anew: the members are read."""
+        """Nothing is fitted again: the members are read."""
         members = []
         for name in self.members:
             member = task.member(name)
