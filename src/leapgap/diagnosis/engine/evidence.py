@@ -54,10 +54,11 @@ class Blocks:
         constant = [[logs[chunk, first:end].sum() for chunk, first, end in places] for logs in determinants]
         return Blocks(places, log_of_chunk[[chunk for chunk, _, _ in places]], np.array(constant))
 
-    def of_logs(self, logs: np.ndarray, log_of_chunk: np.ndarray) -> tuple["Blocks", np.ndarray]:
-        """The blocks of some logs (bool by log), by chunks of these alone, and their indices."""
-        place, kept = np.cumsum(logs[log_of_chunk]) - 1, np.flatnonzero(logs[self.log])
-        places = [(int(place[chunk]), first, end) for chunk, first, end in (self.places[k] for k in kept.tolist())]
+    def of_chunks(self, chosen: np.ndarray) -> tuple["Blocks", np.ndarray]:
+        """The blocks of some chunks (bool), which are counted by themselves, and their indices."""
+        kept = np.flatnonzero(chosen[[chunk for chunk, _, _ in self.places]])
+        number = np.cumsum(chosen) - 1
+        places = [(int(number[chunk]), first, end) for chunk, first, end in (self.places[k] for k in kept.tolist())]
         return Blocks(places, self.log[kept], self.constant[:, kept]), kept
 
     def products(self, ours: Whitened, theirs: Whitened) -> np.ndarray:

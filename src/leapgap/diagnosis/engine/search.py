@@ -161,7 +161,7 @@ class Search:
             base = self.bench.glance(now.point, now.acting)
             sets += [(*now.acting, one) for one in self.far(now)]
             glances = [self.bench.glance(now.point, acting) - base for acting in sets]
-            gains = [max(pair) for pair in zip([*gains, *[-np.inf] * len(sets)], glances, strict=False)]
+            gains = [*map(max, gains, glances), *glances[len(gains) :]]
         found: list[Found] = []
         for k in np.argsort(-np.array(gains), kind="stable")[:CLOSELY]:
             best = max((own.worth - now.worth for own in found), default=0.0)
@@ -173,7 +173,7 @@ class Search:
     def far(self, now: Found) -> list[tuple[Hypothesis, np.ndarray]]:
         """Effects in the drives with numbers far from nominal that by their columns gain most, one number a place."""
         logs = self.bench.some_logs
-        left = Projection.of(now.point, *now.point.priors(), logs, self.bench.chunks.log)
+        left = Projection.of(now.point, *now.point.priors(), logs[self.bench.chunks.log])
         gains: list[tuple[float, Hypothesis, np.ndarray]] = []
         for found, columns in self.bench.far(now.point, logs):
             by_errors, by_each = left.of_columns(columns)
@@ -286,25 +286,19 @@ class Projection:
 
     blocks: Blocks
     levels: np.ndarray
-    """Of each block."""
+    """Index of the level of each block, (blocks,)."""
     errors: np.ndarray
     """(rows,), each block at its level."""
     known: np.ndarray
     """Columns of nuisances and numbers, times their prior deviations, (rows, known)."""
 
     @staticmethod
-    def of(
-        point: Point,
-        deviation: np.ndarray,
-        centre: np.ndarray,
-        logs: np.ndarray | None = None,
-        log_of_chunk: np.ndarray | None = None,
-    ) -> "Projection":
-        """By priors of what is known, as in ``Point.priors``; on some ``logs`` (bool), or on all."""
+    def of(point: Point, deviation: np.ndarray, centre: np.ndarray, chunks: np.ndarray | None = None) -> "Projection":
+        """By priors of what is known, as in ``Point.priors``; of some ``chunks`` (bool), or of all."""
         blocks, levels, whitened = point.basis.blocks, point.evidence.levels, point.whitened
-        if logs is not None and log_of_chunk is not None:
-            blocks, kept = blocks.of_logs(logs, log_of_chunk)
-            levels, whitened = levels[kept], [own[logs[log_of_chunk]] for own in whitened]
+        if chunks is not None:
+            blocks, kept = blocks.of_chunks(chunks)
+            levels, whitened = levels[kept], [own[chunks] for own in whitened]
         stacked = blocks.at_levels(whitened, levels)
         return Projection(blocks, levels, stacked[:, 0] - stacked[:, 1:] @ centre, stacked[:, 1:] * deviation)
 
@@ -313,12 +307,16 @@ class Projection:
         """Cholesky factor of what is known, (known, known)."""
         return np.linalg.cholesky(np.eye(self.known.shape[1]) + self.known.T @ self.known)
 
+    @cached_property
+    def explained(self) -> np.ndarray:
+        """Inner products of what is known with the errors, by ``root``, (known,)."""
+        return np.linalg.solve(self.root, self.known.T @ self.errors)
+
     def of_columns(self, whitened: Whitened) -> tuple[np.ndarray, np.ndarray]:
         """Inner products with the errors (columns,), and among each other (columns, columns), of what is left."""
         columns = self.blocks.at_levels(whitened, self.levels)
         cross = np.linalg.solve(self.root, self.known.T @ columns)
-        by_errors = columns.T @ self.errors - cross.T @ np.linalg.solve(self.root, self.known.T @ self.errors)
-        return by_errors, columns.T @ columns - cross.T @ cross
+        return columns.T @ self.errors - cross.T @ self.explained, columns.T @ columns - cross.T @ cross
 
 
 def screen(point: Point, without: Sequence[int] = ()) -> list[tuple[float, Hypothesis]]:

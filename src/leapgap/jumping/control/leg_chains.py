@@ -99,7 +99,7 @@ class CompiledLegs(LegKinematics):
         tables = LegChains.of(robot).tables
         tables["link_rotation"] = tables["link_rotation"].reshape(-1, 3, 3)
         self._chains = tuple(np.ascontiguousarray(table) for table in tables.values())
-        # Arrays of another layout would be compiled for again, in the middle of a jump: all is copied into these.
+        # Arrays of another layout would start the compiler in the middle of a jump: all is copied into these.
         self._quaternion, self._joint_pos = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(len(robot.joints))
         self._pair_force, self._measured = np.zeros((2, 3)), np.zeros(13)
         self._follow(self._quaternion, self._joint_pos)

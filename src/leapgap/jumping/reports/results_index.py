@@ -43,7 +43,7 @@ class Source:
     says: str
     """What was done, in a sentence or two."""
     metrics: str
-    """File below ``metrics``."""
+    """Path of the JSON file of its figures, below the folder ``metrics``."""
     command: str
     """Makes the figures again."""
     figures: Mapping[str, str] = field(default_factory=dict)
