@@ -67,7 +67,7 @@ class BenchSettings:
     draws: dict[str, list[str]]
 
     def __post_init__(self) -> None:
-        """``InputError`` for names of families that nothing draws."""
+        """``ValueError`` for names of families that nothing draws."""
         if unknown := set(self.families) - {*self.draws, PUBLISHED, ROBOTS}:
             raise ValueError(f"families {', '.join(sorted(unknown))}: some of {', '.join(self.draws)}")
 
