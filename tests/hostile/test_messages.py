@@ -161,7 +161,7 @@ def test_a_stage_finds_the_projects_robot_from_any_folder(tmp_path: Path) -> Non
         (("collect", "collect.jumps=0"), "jumps 0: 1 or more"),
         (("collect", "executor.workers=0"), "workers 0: 1 or more"),
         (("collect", "collect.mpc.period_s=nan"), "period_s"),
-        (("diagnose", "diagnose.threads=-1"), "diagnose.threads: found -1"),
+        (("diagnose", "diagnose.threads=-1"), "threads -1: null or a number of 1 or more"),
         (("collect", "robot.body.mass_kg=0.0"), "mass_kg 0.0"),
         (("train", "train.folds=0"), "folds 0: 1 or more"),
         (("train", "train.threads=-1"), "threads -1: 1 or more"),
