@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from leapgap.effects.base import Commands, CommandStage, Effect, parameter
+from leapgap.effects.recursion import first_order
 from leapgap.robot.model import Robot
 
 
@@ -30,16 +31,13 @@ class DroppedCommands(Effect):
         """Replace the commands of the joints by their mean over the losses."""
         if self.is_nominal:
             return commands
-        from scipy.signal import lfilter  # every process reads this file, and the import takes half a second
-
         at = robot.joints_at(self.location)
         row = np.arange(len(commands.torque)) if commands.row is None else commands.row
         begins = np.diff(row, prepend=-1) != 0
 
         def received(sent: np.ndarray) -> np.ndarray:
             mean, of_rows = sent.copy(), sent[begins][:, at]
-            first = self.share * of_rows[:1]  # the first command has arrived
-            held = lfilter([1 - self.share], [1.0, -self.share], of_rows, axis=0, zi=first)[0]
+            held = first_order(of_rows, self.share, of_rows[:1])  # the first command has arrived
             mean[:, at] = held[np.cumsum(begins) - 1]
             return mean
 

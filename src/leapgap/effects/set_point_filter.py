@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from leapgap.effects.base import Commands, Effect, parameter
+from leapgap.effects.recursion import first_order
 from leapgap.robot.model import Robot
 
 REMEMBERED = 30.0
@@ -36,14 +37,12 @@ class SetPointFilter(Effect):
         """Filter the set points of the joints."""
         if self.is_nominal:
             return commands
-        from scipy.signal import lfilter  # every process reads this file, and the import takes half a second
-
         at, periods = robot.joints_at(self.location), self.time_constant_s / period_s
         kept = float(np.exp(-1 / periods))
 
         def smooth(sent: np.ndarray) -> np.ndarray:
             wanted, found = sent[:, at], sent.copy()
-            ends = lfilter([1 - kept], [1.0, -kept], wanted, axis=0, zi=kept * wanted[:1])[0]
+            ends = first_order(wanted, kept, wanted[:1])
             starts = np.concatenate([wanted[:1], ends[:-1]])
             found[:, at] = wanted + (starts - wanted) * (periods * (1 - kept))
             return found

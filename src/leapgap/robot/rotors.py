@@ -130,45 +130,47 @@ def soften(model: mujoco.MjModel, robot: Robot, joints: np.ndarray, tendons: np.
 
 
 def carried_torque(
-    stiff: mujoco.MjModel, robot: Robot, state: np.ndarray, control: np.ndarray, steps: int
+    stiff: mujoco.MjModel, robot: Robot, states: np.ndarray, controls: np.ndarray, steps: int
 ) -> np.ndarray:
-    """Torque that gears carry from rotors to joints of a robot without springs and play, and its rate, (2, joints).
+    """Torque that gears carry from rotors to joints of a robot without springs and play, and its rate.
 
-    That is what the motor gives less what its rotor takes to speed up, τ − J q̈, N·m, and N·m/s: a line through the
-    first ``CARRIED_ROWS`` rows of ``steps`` steps each from a state (nq + nv,) under controls (rows, actuators).
-    Contacts may settle meanwhile, so the line is that of median slopes (Theil and Sen), and the torque is one that
-    motors have.
+    (states, 2, joints), N·m and N·m/s. That is what the motor gives less what its rotor takes to speed up, τ − J q̈: a
+    line through the first ``CARRIED_ROWS`` rows of ``steps`` steps each from states (states, nq + nv) under controls
+    (states, rows, actuators). Contacts may settle meanwhile, so the line is that of median slopes (Theil and Sen), and
+    the torque is one that motors have.
     """
     data, nq, nv, dofs = mujoco.MjData(stiff), robot.model.nq, robot.model.nv, robot.joint_dofs
-    data.qpos[:nq], data.qvel[:nv] = state[:nq], state[nq:]
-    found, times = [], []
-    for sent in control[:CARRIED_ROWS]:
-        data.ctrl[:] = sent
-        times.append(data.time)
-        mujoco.mj_step(stiff, data)
-        found.append(data.qfrc_actuator[dofs] - robot.model.dof_armature[dofs] * data.qacc[dofs])
-        mujoco.mj_step(stiff, data, steps - 1)
-    torque, time = np.array(found), np.array(times)
+    sent = controls[:, :CARRIED_ROWS]
+    torque = np.zeros((len(states), sent.shape[1], len(dofs)))
+    for found, state, of_rows in zip(torque, states, sent, strict=True):
+        mujoco.mj_resetData(stiff, data)
+        data.qpos[:nq], data.qvel[:nv] = state[:nq], state[nq:]
+        for row, control in zip(found, of_rows, strict=True):
+            data.ctrl[:] = control
+            mujoco.mj_step(stiff, data)
+            row[:] = data.qfrc_actuator[dofs] - robot.model.dof_armature[dofs] * data.qacc[dofs]
+            mujoco.mj_step(stiff, data, steps - 1)
+    time = stiff.opt.timestep * steps * np.arange(sent.shape[1])
     early, late = np.triu_indices(len(time), 1)
-    rate = np.zeros(len(dofs))
+    rate = np.zeros((len(states), len(dofs)))
     if len(early):
-        rate = np.median((torque[late] - torque[early]) / (time[late] - time[early])[:, None], axis=0)
-    first = np.median(torque - time[:, None] * rate, axis=0)
-    return np.stack([np.clip(first, -robot.torque_limits, robot.torque_limits), rate])
+        rate = np.median((torque[:, late] - torque[:, early]) / (time[late] - time[early])[:, None], axis=1)
+    first = np.median(torque - time[:, None] * rate[:, None], axis=1)
+    return np.stack([np.clip(first, -robot.torque_limits, robot.torque_limits), rate], axis=1)
 
 
 def rest_rotors(
-    model: mujoco.MjModel, robot: Robot, state: np.ndarray, carried: np.ndarray, kp: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (model nq,) and velocities (model nv,) with rotors where they carry a torque, and follow its change.
+    model: mujoco.MjModel, robot: Robot, states: np.ndarray, carried: np.ndarray, kp: np.ndarray
+) -> np.ndarray:
+    """Positions and velocities (states, model nq + nv) with rotors where they carry a torque, and follow its change.
 
-    ``state`` (nq + nv,) is that of the robot itself; ``carried`` (2, joints) is the torque, N·m, and its rate, N·m/s,
-    with rotors where the joints are, and ``kp`` (joints,) how much less their motors give as they turn, N·m/rad. Of
-    that loss the joint feels the share I / (J + I), since the rotor is slower too.
+    ``states`` (states, nq + nv) are those of the robot itself; ``carried`` (states, 2, joints) is the torque, N·m, and
+    its rate, N·m/s, with rotors where the joints are, and ``kp`` (joints,) how much less their motors give as they
+    turn, N·m/rad. Of that loss the joint feels the share I / (J + I), since the rotor is slower too.
     """
     nq, nv = robot.model.nq, robot.model.nv
-    qpos, qvel = model.qpos0.copy(), np.zeros(model.nv)
-    qpos[:nq], qvel[:nv] = state[:nq], state[nq:]
+    qpos, qvel = np.tile(model.qpos0, (len(states), 1)), np.zeros((len(states), model.nv))
+    qpos[:, :nq], qvel[:, :nv] = states[:, :nq], states[:, nq:]
     names = {model.joint(j).name: j for j in range(model.njnt)}
     behind = np.array([i for i, joint in enumerate(robot.joints) if PREFIX + joint in names], dtype=int)
     shares = reduced_inertia(robot, behind) / robot.model.dof_armature[robot.joint_dofs[behind]]
@@ -176,8 +178,8 @@ def rest_rotors(
         rotor, spring = names[PREFIX + robot.joints[i]], model.tendon(PREFIX + robot.joints[i]).id
         stiffness = model.tendon_stiffness[spring] + share * kp[i]
         gives = 0.0 if model.tendon_limited[spring] else 1 / stiffness
-        torque, rate = carried[:, i]
+        torque, rate = carried[:, :, i].T
         twist = np.sign(torque) * model.tendon_range[spring, 1] + gives * torque
-        qpos[model.jnt_qposadr[rotor]] = qpos[robot.joint_qpos[i]] + twist
-        qvel[model.jnt_dofadr[rotor]] = qvel[robot.joint_dofs[i]] + gives * rate
-    return qpos, qvel
+        qpos[:, model.jnt_qposadr[rotor]] = qpos[:, robot.joint_qpos[i]] + twist
+        qvel[:, model.jnt_dofadr[rotor]] = qvel[:, robot.joint_dofs[i]] + gives * rate
+    return np.concatenate([qpos, qvel], axis=1)

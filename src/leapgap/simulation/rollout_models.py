@@ -377,10 +377,8 @@ class RolloutModels:
             stiff = self.model(replace(trial, effects=tuple(e for e in trial.effects if not e.has_rotors)))
             dc_motors.set_gains(stiff, self.robot.joint_actuators, kp, kd)
             steps = max(1, round(trial.period_s / stiff.opt.timestep))
-            for k, of_start in enumerate(zip(states, controls, strict=True)):
-                carried[k] = carried_torque(stiff, self.robot, *of_start, steps)
-        each = zip(states, carried, strict=True)
-        return np.array([np.concatenate(rest_rotors(model, self.robot, *of_start, kp)) for of_start in each])
+            carried = carried_torque(stiff, self.robot, states, controls, steps)
+        return rest_rotors(model, self.robot, states, carried, kp)
 
     def foot_depths(self, trial: Rollout) -> np.ndarray:
         """Penetration of each foot into the ground at the start, m, (feet,); 0 above it."""

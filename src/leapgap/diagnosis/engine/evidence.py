@@ -54,7 +54,7 @@ class Blocks:
         constant = [[logs[chunk, first:end].sum() for chunk, first, end in places] for logs in determinants]
         return Blocks(places, log_of_chunk[[chunk for chunk, _, _ in places]], np.array(constant))
 
-    def of_chunks(self, chosen: np.ndarray) -> tuple["Blocks", np.ndarray]:
+    def part(self, chosen: np.ndarray) -> tuple["Blocks", np.ndarray]:
         """The blocks of some chunks (bool), which are counted by themselves, and their indices."""
         kept = np.flatnonzero(chosen[[chunk for chunk, _, _ in self.places]])
         number = np.cumsum(chosen) - 1

@@ -68,6 +68,13 @@ class Course:
         noise = channels.noise(states.motion, states.log)
         return Course(states, every, tuple(map(len, segments)), rows, reference, noise)
 
+    def part(self, chosen: np.ndarray) -> "Course":
+        """Some of the segments, bool (segments,)."""
+        lengths = np.array(self.segments)
+        instants = np.repeat(chosen, lengths + 1)
+        segments, reference = tuple(lengths[chosen].tolist()), self.reference[np.flatnonzero(instants)]
+        return replace(self, segments=segments, rows=self.rows[instants], reference=reference)
+
     @property
     def intervals(self) -> int:
         """Number of intervals."""
@@ -122,6 +129,12 @@ class Intervals:
             chosen = np.linspace(0, len(parts) - 1, kept).round().astype(int)
             courses.append(Course.of(own, every, [parts[k] for k in chosen], channels))
         return Intervals(channels, replayer, tuple(courses), ((),) * len(states))
+
+    def part(self, chosen: Sequence[np.ndarray]) -> "Intervals":
+        """Some of the segments of each log, bool (segments,) of each; logs of which none is left are left out."""
+        kept = [log for log, own in enumerate(chosen) if own.any()]
+        courses, acting = (self.courses[log].part(chosen[log]) for log in kept), (self.acting[log] for log in kept)
+        return replace(self, courses=tuple(courses), acting=tuple(acting))
 
     @property
     def robot(self) -> Robot:

@@ -22,8 +22,8 @@ from leapgap.simulation.replay import Replayer
 
 INTERVAL_S = 0.01
 """Length of an interval; one row, where that is longer."""
-FAR = 300
-"""About how many intervals are replayed with effects far from nominal."""
+SOME = 500
+"""About how many intervals tell what is worth a closer look."""
 LEAST_IN_BLOCK = 5
 """Number of intervals of a block at least."""
 DIFFERENCE = 0.1
@@ -91,6 +91,23 @@ class Basis:
         """Inner products of all columns in each block, (levels, blocks, columns, columns)."""
         return self.blocks.products(self.whitened, self.whitened)
 
+    def part(self, chunks: Chunks, chosen: np.ndarray) -> "Basis":
+        """The same of some of the ``chunks``, bool (chunks,)."""
+        of, longest = self.linearisation, int(chunks.length[chosen].max())
+        masks = [np.repeat(*pair) for pair in zip(chunks.by_log(chosen), chunks.by_log(chunks.length), strict=True)]
+        transitions, forces = (
+            tuple(own[mask] for own, mask in zip(of_logs, masks, strict=True) if mask.any())
+            for of_logs in (of.transitions, of.forces)
+        )
+        return replace(
+            self,
+            linearisation=Linearisation(transitions, forces, of.units, of.gains[chosen, :longest]),
+            filters=tuple(own.part(chosen, longest) for own in self.filters),
+            columns=replace(self.columns, values=()),
+            whitened=[own[chosen, :longest] for own in self.whitened],
+            blocks=self.blocks.part(chosen)[0],
+        )
+
     def of_hypothesis(self, h: Hypothesis) -> Whitened:
         """Columns of the numbers of a hypothesis."""
         at = [self.columns.at(h, k) for k in range(len(h.parameters))]
@@ -115,6 +132,15 @@ class Point:
         own = [np.concatenate(pair, axis=3) for pair in zip(errors, slopes, strict=True)]
         evidence = Evidence.of(basis.blocks, with_nuisances(own, basis), basis.products)
         return Point(acting, intervals, basis, own, evidence)
+
+    def part(self, chunks: Chunks, chosen: np.ndarray) -> "Point":
+        """The same by some of the ``chunks``, bool (chunks,), with the levels of their blocks."""
+        basis = self.basis.part(chunks, chosen)
+        own = [of[chosen, : chunks.length[chosen].max()] for of in self.own]
+        parts = ([of[..., :1] for of in own], [of[..., 1:] for of in own])
+        point = Point.of(self.acting, self.intervals.part(chunks.by_log(chosen)), basis, *parts)
+        levels = self.evidence.levels[self.basis.blocks.part(chosen)[1]]
+        return replace(point, evidence=replace(point.evidence, levels=levels))
 
     @property
     def whitened(self) -> Whitened:
@@ -173,6 +199,13 @@ class Bench:
     def chunks(self) -> Chunks:
         """The intervals of all logs side by side."""
         return Chunks.of(self.intervals)
+
+    @cached_property
+    def some(self) -> np.ndarray:
+        """Chunks that tell what is worth a closer look, spread evenly, bool (chunks,)."""
+        count = len(self.chunks.log)
+        kept = max(1, round(count * min(1.0, SOME / self.chunks.length.sum())))
+        return np.isin(np.arange(count), np.linspace(0, count - 1, kept).round())
 
     @cached_property
     def kinds(self) -> dict[str, Hypothesis]:
@@ -249,36 +282,32 @@ class Bench:
 
     def errors(self, intervals: Intervals, basis: Basis) -> list[np.ndarray]:
         """Whitened errors at each level, (chunks, longest, channels, 1)."""
-        steps = self.chunks.stack(intervals.defects(basis.linearisation.transitions))[..., None]
-        measured = self.chunks.stack(intervals.innovations())[..., None]
+        chunks = Chunks.of(intervals)
+        steps = chunks.stack(intervals.defects(basis.linearisation.transitions))[..., None]
+        measured = chunks.stack(intervals.innovations())[..., None]
         return [own.whiten(steps, measured) for own in basis.filters]
 
     def followed(self, intervals: Intervals, basis: Basis, acting: Acting) -> Intervals:
         """The intervals of a robot with other effects, with references that follow the logs."""
-        here = replace(intervals, acting=tuple(self.on_logs(acting)))
+        here = replace(intervals, acting=tuple(on_logs(intervals, acting)))
         offsets = here.remembered(basis.linearisation.transitions)
-        return follow(here, self.chunks, offsets, basis.linearisation)
+        return follow(here, Chunks.of(here), offsets, basis.linearisation)
 
-    def far(self, near: Point, logs: np.ndarray) -> Iterator[tuple[list[tuple[Hypothesis, np.ndarray]], Whitened]]:
+    def far(self, near: Point) -> Iterator[tuple[list[tuple[Hypothesis, np.ndarray]], Whitened]]:
         """What further effects in the drives do far from nominal beside those of a point: numbers, and a column each.
 
         Such an effect does not grow with its number (a lag, a limit), but what it does to the torques is known at any.
-        One after another they are replayed at all joints at once, on some ``logs`` (bool), and shared out by the
-        responses to torques. Columns are of the chunks of these logs alone.
+        One after another they are replayed at all joints at once, and shared out by the responses to torques.
         """
         present, forces = {h.name for h, _ in near.acting}, near.basis.linearisation.forces
-        chosen = logs[self.chunks.log]
-        filters = [own.of_chunks(chosen) for own in near.basis.filters]
-        of_logs = list(zip(self.on_logs(near.acting), self.states, logs.tolist(), strict=True))
+        chunks, logs = Chunks.of(near.intervals), [own.states.log.name for own in near.intervals.courses]
+        of_logs = list(zip(on_logs(near.intervals, near.acting), logs, strict=True))
         for name, of_kind in self.kinds.items():
             everywhere = replace(of_kind, location="all")
             if name in present or not in_drive(of_kind.kind) or len(everywhere.parameters) > 1:
                 continue
             ladder = everywhere.ladder
-            sets = [
-                [(*own, everywhere.on(states.log.name, numbers)) if tried else own for own, states, tried in of_logs]
-                for numbers in ladder
-            ]
+            sets = [[(*own, everywhere.on(log, numbers)) for own, log in of_logs] for numbers in ladder]
             at = places(of_kind.kind, self.robot) if of_kind.kind.along_joints else {"all": ()}
             found: list[tuple[Hypothesis, np.ndarray]] = []
             columns: list[list[np.ndarray]] = []
@@ -291,19 +320,8 @@ class Bench:
                     columns.append([own[:, :, which].sum(axis=2) for own in parts] if place != "all" else change)
             if not found:
                 continue
-            by_log = [np.stack([own[log] for own in columns], axis=2) for log in range(len(self.states))]
-            stacked = self.chunks.stack(by_log)[chosen]
-            yield found, [-own.whiten(stacked) for own in filters]
-
-    @property
-    def some_logs(self) -> np.ndarray:
-        """Logs on which effects are tried far from nominal, spread evenly, bool (logs,)."""
-        counts = [own.intervals for own in self.intervals.courses]
-        return np.arange(len(counts)) % max(1, round(sum(counts) / FAR)) == 0
-
-    def on_logs(self, acting: Acting) -> list[Effects]:
-        """The effects of a set on each log."""
-        return [tuple(h.on(own.log.name, numbers) for h, numbers in acting) for own in self.states]
+            stacked = chunks.stack([np.stack([own[log] for own in columns], axis=2) for log in range(len(logs))])
+            yield found, [-own.whiten(stacked) for own in near.basis.filters]
 
     def glance(self, near: Point, acting: Acting) -> float:
         """Evidence of a robot with some effects at just these numbers, nats, without columns of its effects."""
@@ -321,7 +339,7 @@ class Bench:
             for k, size in enumerate(small_steps(h, numbers)):
                 changed = numbers.copy()
                 changed[k] += size
-                sets.append(self.on_logs((*acting[:m], (h, changed), *acting[m + 1 :])))
+                sets.append(on_logs(here, (*acting[:m], (h, changed), *acting[m + 1 :])))
                 sizes.append(size)
         if not acting:
             return Point.of((), here, basis, errors, [own[..., :0] for own in errors])
@@ -330,8 +348,13 @@ class Bench:
             np.stack([change[log] / size for change, size in zip(changes, sizes, strict=True)], axis=2)
             for log in range(len(here.courses))
         ]
-        stacked = self.chunks.stack(slopes)
+        stacked = Chunks.of(here).stack(slopes)
         return Point.of(acting, here, basis, errors, [-of.whiten(stacked) for of in basis.filters])
+
+
+def on_logs(intervals: Intervals, acting: Acting) -> list[Effects]:
+    """The effects of a set on each log."""
+    return [tuple(h.on(own.states.log.name, numbers) for h, numbers in acting) for own in intervals.courses]
 
 
 def in_drive(kind: type[Effect]) -> bool:

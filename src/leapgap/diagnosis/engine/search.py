@@ -158,9 +158,9 @@ class Search:
         gains = [one.worth - now.worth for one in linear]
         sets = [one.acting for one in linear]
         if now.unnamed > SOME:
-            base = self.bench.glance(now.point, now.acting)
-            sets += [(*now.acting, one) for one in self.far(now)]
-            glances = [self.bench.glance(now.point, acting) - base for acting in sets]
+            part = self.part(now.point)
+            sets += [(*now.acting, one) for one in self.far(part)]
+            glances = self.glances(part, now.acting, sets)
             gains = [*map(max, gains, glances), *glances[len(gains) :]]
         found: list[Found] = []
         for k in np.argsort(-np.array(gains), kind="stable")[:CLOSELY]:
@@ -170,12 +170,21 @@ class Search:
             found.append(self.settle(linear[k] if k < len(linear) else self.moved(now.point, sets[k])))
         return found
 
-    def far(self, now: Found) -> list[tuple[Hypothesis, np.ndarray]]:
+    def part(self, point: Point) -> Point:
+        """The point by the chunks that tell what is worth a closer look."""
+        chosen = self.bench.some
+        return point if chosen.all() else point.part(self.bench.chunks, chosen)
+
+    def glances(self, part: Point, acting: Acting, sets: Sequence[Acting]) -> list[float]:
+        """Evidence that robots with other effects at just some numbers gain, as of all logs, nats."""
+        base, share = self.bench.glance(part, acting), self.bench.some.mean()
+        return [(self.bench.glance(part, one) - base) / share for one in sets]
+
+    def far(self, part: Point) -> list[tuple[Hypothesis, np.ndarray]]:
         """Effects in the drives with numbers far from nominal that by their columns gain most, one number a place."""
-        logs = self.bench.some_logs
-        left = Projection.of(now.point, *now.point.priors(), logs[self.bench.chunks.log])
+        left = Projection.of(part, *part.priors())
         gains: list[tuple[float, Hypothesis, np.ndarray]] = []
-        for found, columns in self.bench.far(now.point, logs):
+        for found, columns in self.bench.far(part):
             by_errors, by_each = left.of_columns(columns)
             inner = by_each.diagonal() + AT_LEAST
             of_each = 0.5 * (by_errors + AT_LEAST) ** 2 / inner - 0.5 * AT_LEAST
@@ -228,12 +237,14 @@ class Search:
 
         Those that columns like best are replayed at moderate size to both sides, and the best two fitted.
         """
-        trials = []
-        for h in few_of_each([h for _, h in screen(now.point) if moves_contacts(h)], ALIKE)[:TRIED]:
-            for numbers in (h.nominal + h.moderate, h.nominal - h.moderate):
-                if h.allows(numbers):
-                    acting = (*now.point.acting, (h, numbers))
-                    trials.append((self.bench.glance(now.point, acting), acting))
+        sides = [
+            (h, numbers)
+            for h in few_of_each([h for _, h in screen(now.point) if moves_contacts(h)], ALIKE)[:TRIED]
+            for numbers in (h.nominal + h.moderate, h.nominal - h.moderate)
+            if h.allows(numbers)
+        ]
+        sets = [(*now.point.acting, one) for one in sides]
+        trials = list(zip(self.glances(self.part(now.point), now.point.acting, sets), sets, strict=True))
         trials.sort(key=lambda pair: -pair[0])
         return [self.settle(self.moved(now.point, acting)) for _, acting in trials[:2]]
 
@@ -244,12 +255,12 @@ class Search:
 
     def exchanged(self, found: Found) -> Found:
         """The set with one member in place of another, where that predicts the logs better."""
-        base = self.bench.glance(found.point, found.acting)
+        part = self.part(found.point)
         for m in range(len(found.members)):
             order = [k if k != m else len(found.members) for k in range(len(found.members))]
             likely = [one for one in self.in_place_of(found, m)[:CLOSELY] if one.worth > found.worth]
             for linear in (one.with_members(order) for one in likely):
-                if self.bench.glance(found.point, linear.acting) < base:
+                if self.glances(part, found.acting, [linear.acting])[0] < 0:
                     continue
                 other = self.settle(linear)
                 self.progress(f"{other.members[m].label} for {found.members[m].label}: {other.worth - found.worth:.1f}")
@@ -293,13 +304,10 @@ class Projection:
     """Columns of nuisances and numbers, times their prior deviations, (rows, known)."""
 
     @staticmethod
-    def of(point: Point, deviation: np.ndarray, centre: np.ndarray, chunks: np.ndarray | None = None) -> "Projection":
-        """By priors of what is known, as in ``Point.priors``; of some ``chunks`` (bool), or of all."""
-        blocks, levels, whitened = point.basis.blocks, point.evidence.levels, point.whitened
-        if chunks is not None:
-            blocks, kept = blocks.of_chunks(chunks)
-            levels, whitened = levels[kept], [own[chunks] for own in whitened]
-        stacked = blocks.at_levels(whitened, levels)
+    def of(point: Point, deviation: np.ndarray, centre: np.ndarray) -> "Projection":
+        """By priors of what is known, as in ``Point.priors``."""
+        blocks, levels = point.basis.blocks, point.evidence.levels
+        stacked = blocks.at_levels(point.whitened, levels)
         return Projection(blocks, levels, stacked[:, 0] - stacked[:, 1:] @ centre, stacked[:, 1:] * deviation)
 
     @cached_property

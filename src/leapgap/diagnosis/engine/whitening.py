@@ -47,6 +47,10 @@ class Chunks:
             rows += [(log, int(at), length) for at, length in zip(first, own.segments, strict=False)]
         return Chunks(*(np.array(column) for column in zip(*rows, strict=True)))
 
+    def by_log(self, of_chunks: np.ndarray) -> list[np.ndarray]:
+        """What there is of each chunk, log by log."""
+        return np.split(of_chunks, np.cumsum(np.bincount(self.log))[:-1])
+
     @property
     def longest(self) -> int:
         """Intervals of the longest chunk."""
@@ -124,10 +128,10 @@ class Filter:
             covariance = 0.5 * (covariance + covariance.transpose(0, 2, 1))
         return Filter(full, gains, roots, determinants, entries)
 
-    def of_chunks(self, chosen: np.ndarray) -> "Filter":
-        """The filter of some chunks, bool (chunks,)."""
-        gain, root = self.gain[chosen], self.inverse_root[chosen]
-        return Filter(self.transition[chosen], gain, root, self.log_determinant[chosen], self.entries)
+    def part(self, chosen: np.ndarray, longest: int) -> "Filter":
+        """The filter of some chunks, bool (chunks,), of which the longest has so many intervals."""
+        parts = (self.transition, self.gain, self.inverse_root, self.log_determinant)
+        return Filter(*(own[chosen, :longest] for own in parts), self.entries)
 
     def whiten(self, steps: np.ndarray, measured: np.ndarray | None = None) -> np.ndarray:
         """Whitened innovations (chunks, longest, channels, columns).
