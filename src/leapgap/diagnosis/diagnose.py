@@ -17,22 +17,23 @@ from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.doubts import with_doubts
 from leapgap.diagnosis.engine.points import Bench
 from leapgap.diagnosis.engine.search import Search
-from leapgap.diagnosis.engine.verdict import EvidenceJudgement, conclude
+from leapgap.diagnosis.engine.verdict import EvidenceJudgement, Numbers, conclude
 from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
-from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
+from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.next_experiment import propose
 from leapgap.diagnosis.other_simulations import judge_other_simulations
 from leapgap.diagnosis.outside_forces.explained import unexplained
-from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
+from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces, without_moments
 from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
 from leapgap.diagnosis.own_clock import OwnClock, own_clock, with_clock_first
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Headline, HorizonError, Profile, ReportContent
+from leapgap.diagnosis.rival_fits import Undecided, undecided_of
 from leapgap.diagnosis.selection import find_causes
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts
@@ -91,6 +92,15 @@ def diagnose(
     rng = np.random.default_rng(settings.seed)
     ready = prepare(logs, robot, settings, threads, rng, progress)
     answer = find_answer(ready, kinds, settings, progress)
+    if ready.by_evidence:
+        outside = pushes_beside(answer, ready, settings)
+        if outside.logs:
+            for force in outside.forces:
+                progress(f"external force: {force.says}")
+            cut = ready_logs(ready.given, ready.replayer, ready.checks, outside, settings, rng)
+            ready = replace(cut, by_evidence=True)
+            answer = find_answer(ready, kinds, settings, progress)
+        ready = replace(ready, outside=outside)
     heldout_gap, judgement, clock = answer.heldout_gap, answer.judgement, ready.clock
     conclusion, selected, names = judgement.conclusion, judgement.selected, heldout_gap.names
     forces = unexplained(ready.outside.forces, ready.given, ready.replayer, selected.typical_effects(names))
@@ -109,13 +119,7 @@ def diagnose(
     places = localise(mapped, fine, settings.where_horizon_s, draws, rng)
     judged, gap = ready.judged, heldout_gap.gap(heldout_gap.before)
     pieces = (settings.horizon_s, settings.every_s)
-    proposal, numbers = None, None
-    profiles: tuple[Profile, ...] = ()
-    if isinstance(judgement, EvidenceJudgement):
-        numbers = judgement.numbers
-    else:
-        proposal = propose(judgement, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress)
-        profiles = tuple(profiles_of(judgement.result))
+    proposal = propose(answer.undecided, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress)
     report = ReportContent(
         verdict=conclusion.verdict,
         sentence=sentence(conclusion, selected, gap, corrected, names),
@@ -137,8 +141,8 @@ def diagnose(
         descriptions=tuple(judge_descriptions(descriptions, heldout_gap)),
         next_experiment=proposal.to_json() if proposal else None,
         not_judged=(*not_judged(judged), *(f.explained for f in ready.outside.forces if f not in forces)),
-        profiles=profiles,
-        evidence_numbers=numbers,
+        profiles=answer.profiles,
+        evidence_numbers=answer.numbers,
         gap_per_log=heldout_gap.gap_by_log(corrected.squares),
         landing_misplaced_m=heldout_gap.misplaced_by_log(replays),
         provenance=provenance or Provenance.of(logs, robot, asdict(settings)),
@@ -167,8 +171,9 @@ class ReadyLogs:
     replayer: Replayer
     heldout_gap: HeldOutGap
     checks: Sequence[CheckResult]
-    clock: OwnClock | None
     outside: OutsideForces
+    clock: OwnClock | None = None
+    by_evidence: bool = False
 
 
 def prepare(
@@ -179,32 +184,60 @@ def prepare(
     rng: np.random.Generator,
     progress: Callable[[str], None],
 ) -> ReadyLogs:
-    """Check the logs, take out what acts from outside, and measure the gap of the nominal robot."""
+    """Check the logs, take out what acts from outside, and measure the gap of the nominal robot.
+
+    By a clock of their own, rows are not known well enough to tell accelerations of a push. By evidence, which has a
+    force without a name, pushes are told beside the answer.
+    """
     slots = max((len(log.info.terrain) for log in logs), default=0)
     given = JudgedLogs.of(logs, robot, settings.sizes)
     checks = run_checks(given.logs, robot, settings.check_thresholds, logs)
     if any(check.reads is not None for check in checks):
         given = JudgedLogs.of(as_read(logs, checks), robot, settings.sizes)
-    judged, replayer = given, Replayer(robot, max(1, slots), threads, sensors=given.sensors.columns)
-    clock = own_clock(judged, checks, settings.sizes)
-    # By a clock of their own, rows are not known well enough to tell accelerations of a push. The evidence has a force
-    # of its own for what has no name.
-    is_left = clock is not None or settings.engine == "evidence"
-    outside = OutsideForces() if is_left else find_outside_forces(judged, replayer, settings.outside)
-    if outside.logs:
-        judged = JudgedLogs.of(outside.logs, robot, settings.sizes)
-        again = {one.name: one for one in run_checks(judged.logs, robot, settings.check_thresholds, outside.logs)}
-        checks = [one if one.reads is not None else again.get(one.name, one) for one in checks]
-    draws = settings.noise_draws_of(sum(judged.rows))
-    heldout_gap = HeldOutGap.of(judged, replayer, settings.folds, draws, settings.bootstrap_draws, rng)
-    progress(f"step 1 of 4, checks and replays: {len(logs)} logs, {sum(judged.rows)} samples are judged")
+    replayer = Replayer(robot, max(1, slots), threads, sensors=given.sensors.columns)
+    clock = own_clock(given, checks, settings.sizes)
+    by_evidence, outside = clock is None and settings.by_evidence(robot), OutsideForces()
+    if clock is None and not by_evidence:
+        outside = find_outside_forces(given, replayer, settings.outside)
+    ready = replace(ready_logs(given, replayer, checks, outside, settings, rng), by_evidence=by_evidence)
+    progress(f"step 1 of 4, checks and replays: {len(logs)} logs, {sum(ready.judged.rows)} samples are judged")
     for force in outside.forces:
         progress(f"external force: {force.says}")
     if clock is not None:
-        judged = clock.judged
-        heldout_gap = heldout_gap.by_own_clock(judged, draws, rng)
-        progress(f"with corrected time stamps: gap {heldout_gap.gap(heldout_gap.nominal):.3f}")
-    return ReadyLogs(given, judged, replayer, heldout_gap, checks, clock, outside)
+        draws = settings.noise_draws_of(sum(given.rows))
+        gap = ready.heldout_gap.by_own_clock(clock.judged, draws, rng)
+        ready = replace(ready, judged=clock.judged, heldout_gap=gap, clock=clock)
+        progress(f"with corrected time stamps: gap {gap.gap(gap.nominal):.3f}")
+    return ready
+
+
+def ready_logs(
+    given: JudgedLogs,
+    replayer: Replayer,
+    checks: Sequence[CheckResult],
+    outside: OutsideForces,
+    settings: Settings,
+    rng: np.random.Generator,
+) -> ReadyLogs:
+    """The logs, without the moments in which something acts from outside, with the gap of the nominal robot."""
+    judged = given
+    if outside.logs:
+        judged = JudgedLogs.of(outside.logs, given.robot, settings.sizes)
+        again = {
+            one.name: one for one in run_checks(judged.logs, judged.robot, settings.check_thresholds, outside.logs)
+        }
+        checks = [one if one.reads is not None else again.get(one.name, one) for one in checks]
+    draws = settings.noise_draws_of(sum(judged.rows))
+    gap = HeldOutGap.of(judged, replayer, settings.folds, draws, settings.bootstrap_draws, rng)
+    return ReadyLogs(given, judged, replayer, gap, checks, outside)
+
+
+def pushes_beside(answer: "FoundAnswer", ready: ReadyLogs, settings: Settings) -> OutsideForces:
+    """What acts from outside in single logs on the robot with its answer as well."""
+    found, effects = find_outside_forces(ready.judged, ready.replayer, settings.outside), answer.judgement.selected
+    own = effects.typical_effects(answer.heldout_gap.names)
+    forces = unexplained(found.forces, ready.given, ready.replayer, own)
+    return without_moments(forces, ready.judged, settings.outside) if forces else OutsideForces()
 
 
 @dataclass(frozen=True)
@@ -218,6 +251,10 @@ class FoundAnswer:
     by_source: ClosureBySource | None
     best: BestSimulator | None
     """None where the settings ask for none."""
+    undecided: Undecided
+    numbers: Numbers | None = None
+    """None where the search was one by one."""
+    profiles: tuple[Profile, ...] = ()
     notes: tuple[str, ...] = ()
     """What a report must say of how the search was made."""
 
@@ -227,7 +264,7 @@ def find_answer(
 ) -> FoundAnswer:
     """Search for causes one by one, and where these leave much for all together; judge them."""
     judged, clock = ready.judged, ready.clock
-    if settings.engine == "evidence" and clock is None:
+    if ready.by_evidence:
         return answer_by_evidence(ready, kinds, settings, progress)
     kinds = kinds if clock is None else kinds_beside_clock(kinds, settings)
     hypotheses = list_hypotheses(kinds, judged.robot, clock_of(ready.checks) if clock is None else None)
@@ -264,8 +301,16 @@ def find_answer(
     if clock is not None:
         by_source = closure_by_source(joint, judgement.selected)
         judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
-    best = best_simulator(joint, judgement.selected, hypotheses, settings, clock) if settings.best else None
-    return FoundAnswer(judgement, heldout_gap, evidence, by_source, best, tuple(joint.notes))
+    best = None
+    if settings.best:
+        fit = BestFit(heldout_gap, of_pieces, judgement.selected, hypotheses, settings.model_error, progress=progress)
+        if clock is not None:
+            fit = replace(fit, told=joint.told, joint=joint.ends[0] if joint.ends else None)
+        best = fit.search()
+    open_, profiles = undecided_of(judgement), tuple(profiles_of(judgement.result))
+    return FoundAnswer(
+        judgement, heldout_gap, evidence, by_source, best, open_, profiles=profiles, notes=tuple(joint.notes)
+    )
 
 
 def answer_by_evidence(
@@ -280,8 +325,14 @@ def answer_by_evidence(
     judgement = conclude(search, *search.explore(), gap)
     draws = settings.noise_draws_of(sum(judged.rows))
     gap = gap.at_stable_horizon(judgement.selected, draws, np.random.default_rng(settings.seed))
-    told = gather([states.log for states in judged.whole], judged.robot)
-    return FoundAnswer(judgement, gap, told, None, None)
+    told, best = gather([states.log for states in judged.whole], judged.robot), None
+    if settings.best:
+        most = settings.pieces(len(ready.given.logs))
+        pieces = ShortRollouts.of(judged.states, ready.replayer, settings.horizon_s, settings.every_s, most)
+        usual = list_hypotheses(kinds, judged.robot, clock_of(ready.checks))
+        fit = BestFit(gap, whitened(pieces), judgement.selected, usual, settings.model_error, progress=progress)
+        best = fit.search()
+    return FoundAnswer(judgement, gap, told, None, best, judgement.undecided, judgement.numbers)
 
 
 def kinds_by_evidence(kinds: Sequence[type[Effect]], settings: Settings) -> list[type[Effect]]:
@@ -295,15 +346,6 @@ def kinds_by_evidence(kinds: Sequence[type[Effect]], settings: Settings) -> list
 def whitened(pieces: ShortRollouts) -> ShortRollouts:
     """Pieces whose errors are whitened for the nominal robot."""
     return pieces.whiten_for(pieces.on_every_log(()))
-
-
-def best_simulator(
-    joint: JointFit, answer: Candidate, hypotheses: Sequence[Hypothesis], settings: Settings, clock: OwnClock | None
-) -> BestSimulator:
-    """All effects fitted about the answer; by a clock of their own, logs have been fitted so already."""
-    told, ended = ({}, None) if clock is None else (joint.told, joint.ends[0] if joint.ends else None)
-    fit = BestFit(joint.heldout_gap, joint.short, answer, hypotheses, settings.model_error, told, ended, joint.progress)
-    return fit.search()
 
 
 def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[type[Effect]]:

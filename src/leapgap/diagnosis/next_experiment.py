@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.diagnosis.decision import Judgement
 from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.experiment_forecast import Forecast, Forecaster, Separation
 from leapgap.diagnosis.experiment_whole_logs import WholeLogs
@@ -17,8 +16,7 @@ from leapgap.diagnosis.experiments.base import REPEATS, Experiment, Repetition
 from leapgap.diagnosis.experiments.given import Given
 from leapgap.diagnosis.experiments.jumps import OtherJumps
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.rival_fits import open_fits
-from leapgap.diagnosis.rival_sets import probability
+from leapgap.diagnosis.rival_fits import Undecided
 from leapgap.simulation.replay import Replayer
 
 ENOUGH = 60.0
@@ -69,7 +67,7 @@ class NextExperiment:
 
 
 def propose(
-    judgement: Judgement,
+    undecided: Undecided,
     judged: JudgedLogs,
     replayer: Replayer,
     tolerances: Mapping[str, float],
@@ -82,12 +80,9 @@ def propose(
 
     ``horizon_s`` and ``every_s`` are those of the short rollouts that a further diagnosis would make.
     """
-    open_names = next((names for names in judgement.conclusion.answer if len(names) > 1), None)
-    if not judgement.conclusion.answer:
-        return None
-    fits = open_fits(judgement)
+    names, fits = undecided.names, undecided.fits
     if not fits or not fits[0].fit.hypotheses:
-        return None if open_names is None else by_experience(open_names, Given(judged.logs, judged.robot))
+        return by_experience(names, Given(judged.logs, judged.robot)) if names else None
     by_truth = [
         Forecaster(
             judged,
@@ -102,12 +97,11 @@ def propose(
         )
         for truth in fits
     ]
-    if open_names is None:
+    if not names:
         return sharpen(by_truth[0], progress)
     if not by_truth[0].rivals:
-        return by_experience(open_names, by_truth[0].given)
-    shares = [probability(name, judgement.result, judgement.shares) for name in open_names[1:]]
-    return separate(open_names, by_truth, max(shares), progress)
+        return by_experience(names, by_truth[0].given)
+    return separate(names, by_truth, undecided.share, progress)
 
 
 def by_experience(names: Sequence[str], given: Given) -> NextExperiment:

@@ -6,6 +6,7 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.decision import Judgement
+from leapgap.diagnosis.rival_sets import probability
 
 PLACES, NEAR = 2, 10.0
 """Number of places at which each open cause is tried, and how near to its best held-out loss they are."""
@@ -20,22 +21,35 @@ class Rival:
     fit: Candidate
 
 
-def open_fits(judgement: Judgement) -> tuple[Rival, ...]:
-    """What may be true where the answer leaves names open: the answer, and fits with the other names in its place.
+@dataclass(frozen=True)
+class Undecided:
+    """What an answer leaves open."""
+
+    names: tuple[str, ...] = ()
+    """The first cause of the answer that has rivals, with these; empty where none has."""
+    fits: tuple[Rival, ...] = ()
+    """The answer, and fits with the other names in its place; empty without an answer."""
+    share: float = 0.0
+    """Probability of the likeliest rival."""
+
+
+def undecided_of(judgement: Judgement) -> Undecided:
+    """What a search one by one leaves open.
 
     Each name stands with its fits at the best few places: a cause at one joint may be told from its rival where the
     same cause at all joints is not.
     """
-    found = [Rival(judgement.selected.names[0], judgement.selected)] if judgement.selected.hypotheses else []
-    for own, *others in judgement.conclusion.answer:
-        if not others or own not in judgement.selected.names:
-            continue
-        found[0] = Rival(own, judgement.selected)
-        found += [Rival(own, fit) for fit in near_fits(judgement, own, own)[:PLACES]]
-        for other in others:
-            found += [Rival(other, fit) for fit in near_fits(judgement, own, other)[:PLACES]]
-        break
-    return tuple(Rival(one.name, without_clocks(one.fit)) for one in found)
+    if not judgement.conclusion.answer:
+        return Undecided()
+    selected, result = judgement.selected, judgement.result
+    names = next((names for names in judgement.conclusion.answer if len(names) > 1), ())
+    found = [Rival(selected.names[0], selected)] if selected.hypotheses else []
+    if names and names[0] in selected.names:
+        own = names[0]
+        found[0] = Rival(own, selected)
+        found += [Rival(name, fit) for name in names for fit in near_fits(judgement, own, name)[:PLACES]]
+    share = max((probability(name, result, judgement.shares) for name in names[1:]), default=0.0)
+    return Undecided(names, tuple(Rival(one.name, without_clocks(one.fit)) for one in found), share)
 
 
 def near_fits(judgement: Judgement, own: str, name: str) -> list[Candidate]:

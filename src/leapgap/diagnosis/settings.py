@@ -11,11 +11,12 @@ from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.diagnosis.selection import SearchSettings
 from leapgap.effects.model_field import ModelField
 from leapgap.errors import InputError
+from leapgap.robot.model import Robot
 
 LONGEST_HORIZON_S = 1000.0
 ENOUGH_ROWS = 20_000
 """Number of samples up to which every draw of noise is made."""
-ENGINES = ("search", "evidence")
+ENGINES = ("by_robot", "evidence", "search")
 TOLERANCES = {
     "armature.inertia": 0.05,
     "joint_friction.torque_nm": 0.05,
@@ -41,8 +42,9 @@ class Settings:
     """Names of effects that are left out of the search, as if they were unknown."""
     model_fields: list[ModelField] = field(default_factory=list)
     """Further hypotheses: numbers of the robot's model that no effect is for, each with the range that is searched."""
-    engine: str = "search"
-    """``evidence``: one evidence of all sets of effects, and of a residual force; ``search``: that of 0.2."""
+    engine: str = "by_robot"
+    """``evidence``: one evidence of all sets of effects, and of a force without a name; ``search``: one by one, as in
+    0.2. ``by_robot``: by evidence where the base is fixed, one by one where it is free."""
     folds: int = 4
     """Parts of the logs; each log is judged with values fitted on the other parts."""
     horizon_s: float = 0.1
@@ -81,6 +83,10 @@ class Settings:
     noise_draws: int = 3
     bootstrap_draws: int = 500
     seed: int = 1
+
+    def by_evidence(self, robot: Robot) -> bool:
+        """Whether the search on a robot is by evidence."""
+        return self.engine == "evidence" or (self.engine == "by_robot" and not robot.has_free_base)
 
     def noise_draws_of(self, rows: int) -> int:
         """Draws of sensor noise for so many samples: those of long logs are many in one draw."""

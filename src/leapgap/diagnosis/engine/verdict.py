@@ -12,7 +12,7 @@ closes nothing of a gap is none. A number at the end of its range is never named
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from leapgap.diagnosis.decision import Conclusion
 from leapgap.diagnosis.engine.search import LEAST_GAIN, LEAST_SHARE, Found, Search, few_of_each, screen
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.rival_fits import PLACES, Undecided
+from leapgap.diagnosis.rival_fits import Rival as OpenFit
 
 UNNAMED = 20.0
 """Evidence of a force without a name for each block, nats, up to which a set explains the logs: u₀."""
@@ -57,6 +59,7 @@ class EvidenceJudgement:
     others: list[tuple[Candidate, float]]
     """One fit for each further hypothesis that was judged, with the probability of its newest effect."""
     numbers: Numbers
+    undecided: Undecided = field(default_factory=Undecided)
 
 
 def candidate_of(found: Found, order: Sequence[int] | None = None) -> Candidate:
@@ -122,7 +125,29 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     else:
         verdict = "ambiguous" if any(len(names) > 1 for names in answer) else "named"
     sure = tuple(1 / (1 + sum(np.exp(-np.clip(r.loss, -50, 50)) for r in own)) for own in rivals)
-    return EvidenceJudgement(Conclusion(verdict, answer, steps, sure), steps[-1], others, numbers)
+    undecided = undecided_of(search, found, order, rivals, steps[-1])
+    return EvidenceJudgement(Conclusion(verdict, answer, steps, sure), steps[-1], others, numbers, undecided)
+
+
+def undecided_of(
+    search: Search, found: Found, order: Sequence[int], rivals: Sequence[Sequence[Rival]], answer: Candidate
+) -> Undecided:
+    """What the evidence leaves open: the first cause with rivals that it does not tell apart.
+
+    ``order`` is that of the members in the answer, and ``rivals`` are those of each.
+    """
+    for k, member in enumerate(order):
+        near = [rival for rival in rivals[k] if rival.loss < APART]
+        if not near:
+            continue
+        own, members = found.members[member].name, [*order[:k], len(order), *order[k + 1 :]]
+        fits = [
+            OpenFit(h.name, candidate_of(search.judge(found.point, [h], [member]), members))
+            for h in few_of_each([rival.hypothesis for rival in near], PLACES)
+        ]
+        names = (own, *dict.fromkeys(fit.name for fit in fits))
+        return Undecided(names, (OpenFit(own, answer), *fits), float(1 / (1 + np.exp(max(near[0].loss, 0.0)))))
+    return Undecided((), (OpenFit(found.members[order[0]].name, answer),))
 
 
 def without_immaterial(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Found:

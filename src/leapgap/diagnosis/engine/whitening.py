@@ -130,8 +130,10 @@ class Filter:
 
     def part(self, chosen: np.ndarray, longest: int) -> "Filter":
         """The filter of some chunks, bool (chunks,), of which the longest has so many intervals."""
-        parts = (self.transition, self.gain, self.inverse_root, self.log_determinant)
-        return Filter(*(own[chosen, :longest] for own in parts), self.entries)
+        transition, gain, root, determinant = (
+            own[chosen, :longest] for own in (self.transition, self.gain, self.inverse_root, self.log_determinant)
+        )
+        return Filter(transition, gain, root, determinant, self.entries)
 
     def whiten(self, steps: np.ndarray, measured: np.ndarray | None = None) -> np.ndarray:
         """Whitened innovations (chunks, longest, channels, columns).

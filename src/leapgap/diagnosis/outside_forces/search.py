@@ -53,7 +53,13 @@ def find_outside_forces(judged: JudgedLogs, replayer: Replayer, settings: Outsid
         episodes = episodes_of(residuals.residuals(moments_of(episodes, len(logs))), settings)
         if not episodes:
             return found
-    forces = tuple(force_of(one, logs[one.log], judged.robot) for one in episodes)
+    return without_moments(tuple(force_of(one, logs[one.log], judged.robot) for one in episodes), judged, settings)
+
+
+def without_moments(
+    forces: tuple[OutsideForce, ...], judged: JudgedLogs, settings: OutsideForceSettings
+) -> OutsideForces:
+    """Forces, with the logs without the moments in which they act."""
     parts, part_of = quiet_parts([states.log for states in judged.whole], forces, settings)
     if not settings.remove or len(parts) < LEAST_LOGS:
         return OutsideForces(forces)
