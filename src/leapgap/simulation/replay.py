@@ -197,7 +197,7 @@ class Replayer(RolloutModels):
         later = starts.later(late_s / trial.period_s) if late_s else None
         states = self.true_states(trial.effects, starts.states, later, late_s)
         of_rows = steps[first[:, None] + np.arange(rows - 1)]
-        controls, warmth = self.step_controls(trial, steps, at), self._warmth(trial, starts.rows, steps)
+        controls, warmth = self.step_controls(trial, steps, at), self.warmth(trial, starts.rows, steps)
         return Pieces(trial, states, controls, of_rows, warmth)
 
     def _roll_out(self, working: WorkingModel, pieces: Sequence[Pieces]) -> list[list[Motion]]:

@@ -348,7 +348,7 @@ class RolloutModels:
         found[:, bristles] = deflection
         return found
 
-    def _warmth(self, trial: Rollout, rows: Sequence[int], steps: np.ndarray) -> np.ndarray | None:
+    def warmth(self, trial: Rollout, rows: Sequence[int], steps: np.ndarray) -> np.ndarray | None:
         """Warmth of the motors at some rows of a trial's log, in which each row lasts so many steps.
 
         (chosen rows, joints); None where no motor heats.

@@ -328,7 +328,8 @@ class Intervals:
         gains = joint_gains(trial.log, self.robot)[own.rows[own.begins]]
         _, rows, which = np.unique(gains, axis=0, return_index=True, return_inverse=True)
         lent = [models.of(trial, int(own.rows[own.begins[row]])) for row in rows]
-        return PreparedIntervals(replayer, trial, lent, which.ravel(), controls, steps_until)
+        warmth = replayer.warmth(trial, own.rows[own.begins].tolist(), steps)
+        return PreparedIntervals(replayer, trial, lent, which.ravel(), controls, steps_until, warmth)
 
 
 def moving(effects: Effects) -> Effects:
@@ -366,17 +367,21 @@ class PreparedIntervals:
     """(intervals, steps, actuators)"""
     steps: np.ndarray
     """Number of steps until the end of each of the intervals that a replay lasts, (intervals, span)."""
+    warmth: np.ndarray | None
+    """Of the motors at the beginning of each interval, (intervals, joints); None where none heats."""
 
     def full_states(self, which: np.ndarray, states: np.ndarray) -> np.ndarray:
         """MuJoCo's full states at the beginning of some intervals, from positions and velocities (some, nq + nv)."""
         found = []
         for k, model in enumerate(self.models):
             own = self.model_of[which] == k
-            found.append((own, self.replayer.full_states(self.trial, model, states[own], self.controls[which[own]])))
-        full = np.zeros((len(states), found[0][1].shape[1]))
+            at, warmth = which[own], None if self.warmth is None else self.warmth[which[own]]
+            full = self.replayer.full_states(self.trial, model, states[own], self.controls[at], warmth)
+            found.append((own, full))
+        all_of = np.zeros((len(states), found[0][1].shape[1]))
         for own, of_model in found:
-            full[own] = of_model
-        return full
+            all_of[own] = of_model
+        return all_of
 
 
 class Pool:

@@ -221,10 +221,13 @@ class Bench:
         """The nominal robot; ``wrong_zero`` as in ``linearised``."""
         return self.linearised(self.intervals, (), None, wrong_zero)
 
-    def linearised(self, intervals: Intervals, acting: Acting, before: Basis | None, wrong_zero: float = 0.0) -> Point:
+    def linearised(
+        self, intervals: Intervals, acting: Acting, before: Basis | None, wrong_zero: float = 0.0, anew: bool = True
+    ) -> Point:
         """The point of a robot with some effects, with everything linearised about it.
 
-        ``before`` tells what effects with a memory do; ``wrong_zero``, rad, as in ``whitening.linearise``.
+        ``before`` tells what effects with a memory do, and other columns than those of the acting effects, where these
+        are not made ``anew``; ``wrong_zero``, rad, as in ``whitening.linearise``.
         """
         width = 2 * self.robot.model.nv
         none = [np.zeros((own.intervals, width, width)) for own in intervals.courses]
@@ -232,8 +235,11 @@ class Bench:
         offsets = intervals.remembered(transitions)
         intervals, linearisation = linearise(intervals, self.chunks, offsets, wrong_zero)
         filters = tuple(filters_of(intervals, linearisation, self.chunks))
-        known, present = None if before is None else before.columns, [h.name for h, _ in acting]
-        columns = Columns.of(intervals, linearisation, list(self.kinds.values()), known, present)
+        if before is None or anew:
+            known, present = None if before is None else before.columns, [h.name for h, _ in acting]
+            columns = Columns.of(intervals, linearisation, list(self.kinds.values()), known, present)
+        else:
+            columns = before.columns
         parts = zip(columns.values, self.late(columns), self.finer_steps(intervals), strict=True)
         stacked = self.chunks.stack([np.concatenate(of_log, axis=2) for of_log in parts])
         per_block = max(LEAST_IN_BLOCK, round(BLOCK_S / self.intervals.interval_s))
@@ -249,7 +255,10 @@ class Bench:
         return self.moved(intervals, basis, acting)
 
     def nuisances(self, columns: Columns) -> tuple[np.ndarray, np.ndarray]:
-        """Indices of columns of what is off a little in every robot and simulation, and their standard deviations."""
+        """Indices of columns of what is off a little in every robot and simulation, and their standard deviations.
+
+        The step of the simulation is off, where it is no hypothesis.
+        """
         found: dict[int, float] = {}
         for name, share in {**self.tolerances, **SMALL}.items():
             effect, _, parameter = name.partition(".")
@@ -261,7 +270,8 @@ class Bench:
                 if size > 0:
                     found[i] = float(size)
         quarter, present = QUARTER * self.states[0].log.info.sample_period_s, {key.effect for key in columns.keys}
-        further = [quarter for name in LATE if name in present] + [1.0]
+        steps = [] if any(overrides(h.kind, "change_step") for h in self.hypotheses) else [1.0]
+        further = [quarter for name in LATE if name in present] + steps
         found |= {len(columns.keys) + k: size for k, size in enumerate(further)}
         return np.array([*found]), np.array([*found.values()])
 

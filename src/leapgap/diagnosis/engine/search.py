@@ -28,6 +28,8 @@ MUCH = 1000.0
 MOST_CAUSES = 4
 WORTH_A_LOOK = 5.0
 """Evidence that a hypothesis has to gain by its columns to be compared closely, nats."""
+STRETCHED = 3.0
+"""Standard deviations from nominal at which a tolerance may be a cause."""
 SHORTLIST, ALIKE, CLOSELY = 10, 2, 3
 """Sets that are compared by their columns in each round, of one effect, and by replays."""
 LIKELY = 0.5
@@ -121,12 +123,12 @@ class Search:
         if self.bench.robot.feet and answer.unnamed > max(MUCH, LEAST_SHARE * start.unnamed):
             free = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD)), replay=True)
             answer = free if free.members and free.evidence > answer.evidence else answer
-        return start, answer
+        return start, self.linearised(answer, anew=False) if answer.members else answer
 
     def ascend(self, now: Found, replay: bool = False) -> Found:
         """The answer from a set without effects on; with ``replay`` the first may be one whose columns tell little."""
         while len(now.members) < MOST_CAUSES:
-            worth = [h for gain, h in screen(now.point) if gain > WORTH_A_LOOK]
+            worth = [*stretched(now.point), *(h for gain, h in screen(now.point) if gain > WORTH_A_LOOK)]
             linear = [self.judge(now.point, [h]) for h in few_of_each(worth, ALIKE)[:SHORTLIST]]
             linear.sort(key=lambda one: -one.worth)
             tried = self.promising(now, linear)
@@ -248,10 +250,10 @@ class Search:
         trials.sort(key=lambda pair: -pair[0])
         return [self.settle(self.moved(now.point, acting)) for _, acting in trials[:2]]
 
-    def linearised(self, found: Found) -> Found:
-        """The set with everything linearised about it."""
+    def linearised(self, found: Found, anew: bool = True) -> Found:
+        """The set with everything linearised about it, columns of other effects where they are made ``anew``."""
         point = found.point
-        return self.settle(self.judge(self.bench.linearised(point.intervals, point.acting, point.basis)))
+        return self.settle(self.judge(self.bench.linearised(point.intervals, point.acting, point.basis, anew=anew)))
 
     def exchanged(self, found: Found) -> Found:
         """The set with one member in place of another, where that predicts the logs better."""
@@ -351,11 +353,29 @@ def screen(point: Point, without: Sequence[int] = ()) -> list[tuple[float, Hypot
     return sorted(found, key=lambda pair: -pair[0])
 
 
+def stretched(point: Point) -> list[Hypothesis]:
+    """Hypotheses that are off by more than their tolerance allows, at one place each, the furthest first.
+
+    As a tolerance such a number explains what is linear in it at the price of its prior alone, so that little is left
+    for it to gain as a cause.
+    """
+    mean = point.evidence.posterior(*point.priors()).mean[: point.nuisances]
+    keys, present = point.basis.columns.keys, {h.name for h, _ in point.acting}
+    sizes: dict[tuple[str, tuple[str, ...]], float] = {}
+    for at, size in zip(point.basis.nuisances, np.abs(mean) / point.basis.deviation, strict=True):
+        if at < len(keys) and size > STRETCHED and keys[at].effect not in present:
+            where = keys[at].effect, (keys[at].place,)
+            sizes[where] = max(size, sizes.get(where, 0.0))
+    members = point.basis.columns.members
+    found = {h: sizes.get((h.name, members[h.name, h.location]), 0.0) for h in point.basis.hypotheses}
+    return sorted((h for h, size in found.items() if size > 0), key=lambda h: -found[h])
+
+
 def few_of_each(hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]:
     """The hypotheses in their order, at most so many of one effect."""
     seen: dict[str, int] = {}
     found = []
-    for h in hypotheses:
+    for h in dict.fromkeys(hypotheses):
         seen[h.name] = seen.get(h.name, 0) + 1
         if seen[h.name] <= most:
             found.append(h)

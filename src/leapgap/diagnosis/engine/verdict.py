@@ -19,6 +19,7 @@ import numpy as np
 from leapgap.diagnosis.candidates import Candidate, clip_numbers
 from leapgap.diagnosis.decision import Conclusion
 from leapgap.diagnosis.engine.search import LEAST_GAIN, LEAST_SHARE, Found, Search, few_of_each, screen
+from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.rival_fits import PLACES, Undecided
@@ -113,7 +114,9 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
         (found.members[m].name, *dict.fromkeys(r.hypothesis.name for r in own if r.loss < APART))
         for m, own in zip(order, rivals, strict=True)
     )
-    steps = tuple(candidate_of(found, order[: k + 1]) for k in range(len(order)))
+    steps = [candidate_of(found, order[: k + 1]) for k in range(len(order))]
+    if explained:
+        steps[-1] = by_whole_logs(steps[-1], gap)
     closes = gap.figures([steps[-1]])[0].closure
     g = found.predictive - start.predictive
     numbers = Numbers(g, u, before, float(d), closes.value, blocks)
@@ -126,7 +129,13 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
         verdict = "ambiguous" if any(len(names) > 1 for names in answer) else "named"
     sure = tuple(1 / (1 + sum(np.exp(-np.clip(r.loss, -50, 50)) for r in own)) for own in rivals)
     undecided = undecided_of(search, found, order, rivals, steps[-1])
-    return EvidenceJudgement(Conclusion(verdict, answer, steps, sure), steps[-1], others, numbers, undecided)
+    return EvidenceJudgement(Conclusion(verdict, answer, tuple(steps), sure), steps[-1], others, numbers, undecided)
+
+
+def by_whole_logs(candidate: Candidate, gap: HeldOutGap) -> Candidate:
+    """A set that explains the logs with its numbers by whole logs, where these leave less of held-out logs."""
+    fit = FullRollouts(gap, FullRolloutSettings()).fit(candidate.hypotheses, candidate.numbers)
+    return fit if fit.sensible and fit.heldout.sum() < gap.squares([candidate])[0].sum() else candidate
 
 
 def undecided_of(
