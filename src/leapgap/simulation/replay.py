@@ -103,9 +103,9 @@ class Replayer(RolloutModels):
         motions = self._by_own_steps(trials, rows)
         chosen = [i for i, trial in enumerate(trials) if trial.step_ratio != 1]
         if chosen:
-            finer = self._finer()._by_own_steps([trials[i] for i in chosen], rows)
+            finer = self.with_finer_steps()._by_own_steps([trials[i] for i in chosen], rows)
             for i, fine in zip(chosen, finer, strict=True):
-                motions[i] = self._by_step_ratio(trials[i], motions[i], fine)
+                motions[i] = self.by_step_ratio(trials[i], motions[i], fine)
         return motions
 
     def _by_own_steps(self, trials: Sequence[Rollout], rows: int | None) -> list[Motion]:
@@ -131,21 +131,21 @@ class Replayer(RolloutModels):
         pieces = self._pieces_by_own_steps(trials, starts, lengths)
         chosen = [i for i, trial in enumerate(trials) if trial.step_ratio != 1]
         if chosen:
-            finer = self._finer()._pieces_by_own_steps(
+            finer = self.with_finer_steps()._pieces_by_own_steps(
                 [trials[i] for i in chosen], [starts[i] for i in chosen], [lengths[i] for i in chosen]
             )
             for i, fine in zip(chosen, finer, strict=True):
                 own = zip(pieces[i], fine, strict=True)
-                pieces[i] = [self._by_step_ratio(trials[i], *of_piece) for of_piece in own]
+                pieces[i] = [self.by_step_ratio(trials[i], *of_piece) for of_piece in own]
         return pieces
 
-    def _finer(self) -> "Replayer":
+    def with_finer_steps(self) -> "Replayer":
         """The replayer of finer steps, kept between calls."""
         if self.finer is None:
             self.finer = self.with_steps(FINER * self.largest_step_s)
         return self.finer
 
-    def _by_step_ratio(self, trial: Rollout, own: Motion, fine: Motion) -> Motion:
+    def by_step_ratio(self, trial: Rollout, own: Motion, fine: Motion) -> Motion:
         """The motion by steps of the trial's length, from those by own and by finer steps.
 
         The error of a step of length h is taken as proportional to h, as Euler's method has it, between the two
@@ -153,7 +153,7 @@ class Replayer(RolloutModels):
         """
         steps = self.substeps(trial.log)
         nominal = self.with_steps(self.own_step_s).substeps(trial.log)
-        share = (1 - trial.step_ratio) * steps / nominal / (1 - steps / self._finer().substeps(trial.log))
+        share = (1 - trial.step_ratio) * steps / nominal / (1 - steps / self.with_finer_steps().substeps(trial.log))
 
         def between(coarse: np.ndarray, refined: np.ndarray) -> np.ndarray:
             return np.asarray(coarse + share * (refined - coarse))

@@ -240,11 +240,19 @@ class Intervals:
 
     def _reached(self, log: int, effects: Effects, late: np.ndarray) -> Motion:
         """States at the end of every interval of a log, by effects from the reference less ``late``, and with it."""
-        own = self.courses[log]
+        own, trial = self.courses[log], Rollout(self.courses[log].states.log, effects)
+        starts = self._true_starts(own, late)
+        reached = self._by_own_steps(log, effects, starts)
+        if trial.step_ratio != 1:
+            finer = replace(self, replayer=self.replayer.with_finer_steps())
+            reached = self.replayer.by_step_ratio(trial, reached, finer._by_own_steps(log, effects, starts))
+        return displaced(reached, late[own.begins + 1], self.robot) if late.any() else reached
+
+    def _by_own_steps(self, log: int, effects: Effects, starts: np.ndarray) -> Motion:
+        """True states at the end of every interval, from true states at its beginning, by steps of the replayer."""
         with Models(self.replayer) as models:
             prepared = self.prepare(log, effects, models)
-            reached = roll([(prepared, np.arange(own.intervals))], self._true_starts(own, late))[:, 0]
-        return displaced(reached, late[own.begins + 1], self.robot) if late.any() else reached
+            return roll([(prepared, np.arange(self.courses[log].intervals))], starts)[:, 0]
 
     def _true_starts(self, own: Course, late: np.ndarray) -> np.ndarray:
         """True states at the beginning of each interval, (intervals, nq + nv), of sensors that report ``late`` more."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -212,12 +213,16 @@ class Columns:
 
     def at(self, hypothesis: Hypothesis, number: int) -> list[int]:
         """Indices of the columns whose sum is the derivative by a number of a hypothesis."""
-        joined = self.members[hypothesis.name, hypothesis.location]
-        return [
-            i
-            for i, key in enumerate(self.keys)
-            if (key.effect, key.number) == (hypothesis.name, number) and key.place in joined
-        ]
+        at = self._places[hypothesis.name, number]
+        return [at[place] for place in self.members[hypothesis.name, hypothesis.location]]
+
+    @cached_property
+    def _places(self) -> dict[tuple[str, int], dict[str, int]]:
+        """(effect, number) → single place → index of its column."""
+        found: dict[tuple[str, int], dict[str, int]] = {}
+        for i, key in enumerate(self.keys):
+            found.setdefault((key.effect, key.number), {})[key.place] = i
+        return found
 
 
 def departed(hypothesis: Hypothesis, number: int, log: str = "") -> Effect:

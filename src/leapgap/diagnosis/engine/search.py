@@ -354,21 +354,20 @@ def screen(point: Point, without: Sequence[int] = ()) -> list[tuple[float, Hypot
 
 
 def stretched(point: Point) -> list[Hypothesis]:
-    """Hypotheses that are off by more than their tolerance allows, at one place each, the furthest first.
+    """Hypotheses whose numbers are off by more than their tolerances allow, the furthest first.
 
     As a tolerance such a number explains what is linear in it at the price of its prior alone, so that little is left
-    for it to gain as a cause.
+    for it to gain as a cause. One number at several places counts by what these have in common.
     """
     mean = point.evidence.posterior(*point.priors()).mean[: point.nuisances]
-    keys, present = point.basis.columns.keys, {h.name for h, _ in point.acting}
-    sizes: dict[tuple[str, tuple[str, ...]], float] = {}
-    for at, size in zip(point.basis.nuisances, np.abs(mean) / point.basis.deviation, strict=True):
-        if at < len(keys) and size > STRETCHED and keys[at].effect not in present:
-            where = keys[at].effect, (keys[at].place,)
-            sizes[where] = max(size, sizes.get(where, 0.0))
-    members = point.basis.columns.members
-    found = {h: sizes.get((h.name, members[h.name, h.location]), 0.0) for h in point.basis.hypotheses}
-    return sorted((h for h, size in found.items() if size > 0), key=lambda h: -found[h])
+    departs = dict(zip(point.basis.nuisances.tolist(), mean / point.basis.deviation, strict=True))
+    found, present = [], {h.name for h, _ in point.acting}
+    for h in point.basis.hypotheses:
+        at = [point.basis.columns.at(h, k) for k in range(len(h.parameters))]
+        far = max(abs(sum(departs.get(i, 0.0) for i in own)) / np.sqrt(len(own)) for own in at)
+        if far > STRETCHED and h.name not in present:
+            found.append((far, h))
+    return [h for _, h in sorted(found, key=lambda pair: -pair[0])]
 
 
 def few_of_each(hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]:

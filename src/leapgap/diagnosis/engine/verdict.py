@@ -151,7 +151,7 @@ def undecided_of(
             continue
         own, members = found.members[member].name, [*order[:k], len(order), *order[k + 1 :]]
         fits = [
-            OpenFit(h.name, candidate_of(search.judge(found.point, [h], [member]), members))
+            OpenFit(h.name, candidate_of(search.settle(search.judge(found.point, [h], [member]).with_members(members))))
             for h in few_of_each([rival.hypothesis for rival in near], PLACES)
         ]
         names = (own, *dict.fromkeys(fit.name for fit in fits))
