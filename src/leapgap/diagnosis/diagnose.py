@@ -17,7 +17,7 @@ from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.doubts import with_doubts
 from leapgap.diagnosis.engine.points import Bench
 from leapgap.diagnosis.engine.search import Search
-from leapgap.diagnosis.engine.verdict import EvidenceJudgement, Numbers, conclude
+from leapgap.diagnosis.engine.verdict import EvidenceJudgement, Moment, Numbers, conclude, is_explained, without_pushes
 from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
@@ -101,6 +101,7 @@ def diagnose(
             ready = replace(cut, by_evidence=True)
             answer = find_answer(ready, kinds, settings, progress)
         ready = replace(ready, outside=outside)
+        answer = with_best_simulator(answer, ready, kinds, settings, progress)
     heldout_gap, judgement, clock = answer.heldout_gap, answer.judgement, ready.clock
     conclusion, selected, names = judgement.conclusion, judgement.selected, heldout_gap.names
     forces = unexplained(ready.outside.forces, ready.given, ready.replayer, selected.typical_effects(names))
@@ -233,11 +234,16 @@ def ready_logs(
 
 
 def pushes_beside(answer: "FoundAnswer", ready: ReadyLogs, settings: Settings) -> OutsideForces:
-    """What acts from outside in single logs on the robot with its answer as well."""
-    found, effects = find_outside_forces(ready.judged, ready.replayer, settings.outside), answer.judgement.selected
-    own = effects.typical_effects(answer.heldout_gap.names)
-    forces = unexplained(found.forces, ready.given, ready.replayer, own)
-    return without_moments(forces, ready.judged, settings.outside) if forces else OutsideForces()
+    """What acts from outside in single logs on the robot with its answer as well.
+
+    A push is told where nothing without a name acts but in the moments of pushes.
+    """
+    found = find_outside_forces(ready.judged, ready.replayer, settings.outside)
+    effects = answer.judgement.selected.typical_effects(answer.heldout_gap.names)
+    forces = unexplained(found.forces, ready.given, ready.replayer, effects)
+    if not forces or not is_explained(without_pushes(answer.moments, forces)):
+        return OutsideForces()
+    return without_moments(forces, ready.judged, settings.outside)
 
 
 @dataclass(frozen=True)
@@ -254,6 +260,8 @@ class FoundAnswer:
     undecided: Undecided
     numbers: Numbers | None = None
     """None where the search was one by one."""
+    moments: Sequence[Moment] = ()
+    """By evidence, where something without a name acts beside the answer."""
     profiles: tuple[Profile, ...] = ()
     notes: tuple[str, ...] = ()
     """What a report must say of how the search was made."""
@@ -325,14 +333,26 @@ def answer_by_evidence(
     judgement = conclude(search, *search.explore(), gap)
     draws = settings.noise_draws_of(sum(judged.rows))
     gap = gap.at_stable_horizon(judgement.selected, draws, np.random.default_rng(settings.seed))
-    told, best = gather([states.log for states in judged.whole], judged.robot), None
-    if settings.best:
-        most = settings.pieces(len(ready.given.logs))
-        pieces = ShortRollouts.of(judged.states, ready.replayer, settings.horizon_s, settings.every_s, most)
-        usual = list_hypotheses(kinds, judged.robot, clock_of(ready.checks))
-        fit = BestFit(gap, whitened(pieces), judgement.selected, usual, settings.model_error, progress=progress)
-        best = fit.search()
-    return FoundAnswer(judgement, gap, told, None, best, judgement.undecided, judgement.numbers)
+    told = gather([states.log for states in judged.whole], judged.robot)
+    return FoundAnswer(judgement, gap, told, None, None, judgement.undecided, judgement.numbers, judgement.moments)
+
+
+def with_best_simulator(
+    answer: FoundAnswer,
+    ready: ReadyLogs,
+    kinds: Sequence[type[Effect]],
+    settings: Settings,
+    progress: Callable[[str], None],
+) -> FoundAnswer:
+    """An answer by evidence with a fit of all usual effects about it, where the settings ask for one."""
+    if not settings.best:
+        return answer
+    judged, most = ready.judged, settings.pieces(len(ready.given.logs))
+    pieces = ShortRollouts.of(judged.states, ready.replayer, settings.horizon_s, settings.every_s, most)
+    usual = list_hypotheses(kinds, judged.robot, clock_of(ready.checks))
+    selected, gap = answer.judgement.selected, answer.heldout_gap
+    fit = BestFit(gap, whitened(pieces), selected, usual, settings.model_error, progress=progress)
+    return replace(answer, best=fit.search())
 
 
 def kinds_by_evidence(kinds: Sequence[type[Effect]], settings: Settings) -> list[type[Effect]]:

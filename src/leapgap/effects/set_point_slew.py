@@ -58,10 +58,14 @@ class SetPointSlew(Effect):
 
 def follow(wanted: np.ndarray, most: float) -> np.ndarray:
     """Mean in each period of what follows ``wanted`` (periods,) by at most ``most`` a period, (periods,)."""
-    ends, now = [], float(wanted[0]) if len(wanted) else 0.0
-    for one in wanted.tolist():
-        now = one if abs(one - now) <= most else now + most if one > now else now - most
-        ends.append(now)
+    ends, behind = wanted.tolist(), 0
+    for jump in (np.flatnonzero(np.abs(np.diff(wanted)) > most) + 1).tolist():
+        for k in range(max(jump, behind), len(ends)):
+            one, now = ends[k], ends[k - 1]
+            if abs(one - now) <= most:
+                break
+            ends[k] = now + most if one > now else now - most
+            behind = k + 1
     starts = np.array([*wanted[:1], *ends[:-1]])
     ahead = wanted - starts
     share = np.minimum(np.abs(ahead) / most, 1.0)  # of the period, in which it moves

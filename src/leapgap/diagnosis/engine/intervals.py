@@ -34,8 +34,8 @@ DIVERGED = 1e4
 """A replay with a larger state than this has left the world of numbers; it counts as one that stays where it began."""
 SEGMENT = 64
 """Largest number of intervals of a segment."""
-MOST_INTERVALS = 2500
-"""About how many intervals are kept of all logs."""
+MOST_S = 25.0
+"""About how much is kept of all logs together, s."""
 MEMORY = 4
 """Number of intervals that a replay with states of its own (a lag, an elastic gear) lasts after its first one."""
 
@@ -114,10 +114,10 @@ class Intervals:
     """Effects of the robot on each log."""
 
     @staticmethod
-    def of(states: Sequence[States], replayer: Replayer, interval_s: float, most: int = MOST_INTERVALS) -> "Intervals":
+    def of(states: Sequence[States], replayer: Replayer, interval_s: float) -> "Intervals":
         """Logs cut into intervals of a length, or of one row where that is longer, by the nominal robot.
 
-        Of long logs segments are kept that are spread evenly, about ``most`` intervals in all.
+        Of long logs segments are kept that are spread evenly, about ``MOST_S`` in all.
         """
         channels = StateChannels.of([own.log for own in states], replayer.robot)
         courses = []
@@ -125,7 +125,8 @@ class Intervals:
             every = max(1, own.log.info.rows(interval_s))
             count = (len(own.log) - 1) // every
             parts = np.array_split(np.arange(count), max(1, -(-count // SEGMENT)))
-            kept = max(1, min(len(parts), round(most / len(states) / SEGMENT)))
+            lasts_s = SEGMENT * every * own.log.info.sample_period_s
+            kept = max(1, min(len(parts), round(MOST_S / len(states) / lasts_s)))
             chosen = np.linspace(0, len(parts) - 1, kept).round().astype(int)
             courses.append(Course.of(own, every, [parts[k] for k in chosen], channels))
         return Intervals(channels, replayer, tuple(courses), ((),) * len(states))

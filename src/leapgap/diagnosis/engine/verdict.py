@@ -19,9 +19,12 @@ import numpy as np
 from leapgap.diagnosis.candidates import Candidate, clip_numbers
 from leapgap.diagnosis.decision import Conclusion
 from leapgap.diagnosis.engine.search import LEAST_GAIN, LEAST_SHARE, Found, Search, few_of_each, screen
+from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks
 from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
+from leapgap.diagnosis.outside_forces.search import MARGIN_S
 from leapgap.diagnosis.rival_fits import PLACES, Undecided
 from leapgap.diagnosis.rival_fits import Rival as OpenFit
 
@@ -31,6 +34,8 @@ SINGLES = 4
 """Number of single effects that a report lists beside the answer."""
 LEAST_CLOSURE = 0.01
 """Share of the gap that a set, and each member of it, has to close."""
+FOLLOWED_S = 6 * CORRELATION_S
+"""Time after a push in which a filter without a force has still to follow, s."""
 APART = LEAST_GAIN
 """Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀."""
 
@@ -52,6 +57,16 @@ class Numbers:
 
 
 @dataclass(frozen=True)
+class Moment:
+    """A block of a log with the evidence that a force without a name acts in it beside the answer."""
+
+    log: str
+    begin_s: float
+    end_s: float
+    nats: float
+
+
+@dataclass(frozen=True)
 class EvidenceJudgement:
     """A search by evidence with its conclusion."""
 
@@ -60,6 +75,7 @@ class EvidenceJudgement:
     others: list[tuple[Candidate, float]]
     """One fit for each further hypothesis that was judged, with the probability of its newest effect."""
     numbers: Numbers
+    moments: Sequence[Moment]
     undecided: Undecided = field(default_factory=Undecided)
 
 
@@ -101,11 +117,12 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     blocks = len(found.point.evidence.levels)
     u, before = found.unnamed, start.unnamed
     nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
-    explained = u <= UNNAMED * blocks
+    explained = is_explained(moments_of(found))
     others = single_effects(search, start, found)
-    without = Conclusion("none" if before <= UNNAMED * blocks else "unknown", ())
+    without = Conclusion("none" if is_explained(moments_of(start)) else "unknown", ())
     if not found.members:
-        return EvidenceJudgement(without, nominal, others, Numbers(0.0, u, before, None, None, blocks))
+        numbers = Numbers(0.0, u, before, None, None, blocks)
+        return EvidenceJudgement(without, nominal, others, numbers, moments_of(found))
     losses = [found.evidence - found.evidence_without([m]) for m in range(len(found.members))]
     order = [int(m) for m in np.argsort(losses)[::-1]]
     rivals = [rivals_of(search, found, m) for m in order]
@@ -121,7 +138,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     g = found.predictive - start.predictive
     numbers = Numbers(g, u, before, float(d), closes.value, blocks)
     if gap.has_gap and closes.value < LEAST_CLOSURE:
-        return EvidenceJudgement(without, nominal, others, numbers)
+        return EvidenceJudgement(without, nominal, others, numbers, moments_of(start))
     at_end = steps[-1].at_bound
     if not explained or at_end:
         verdict = "partly"
@@ -129,7 +146,35 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
         verdict = "ambiguous" if any(len(names) > 1 for names in answer) else "named"
     sure = tuple(1 / (1 + sum(np.exp(-np.clip(r.loss, -50, 50)) for r in own)) for own in rivals)
     undecided = undecided_of(search, found, order, rivals, steps[-1])
-    return EvidenceJudgement(Conclusion(verdict, answer, tuple(steps), sure), steps[-1], others, numbers, undecided)
+    conclusion = Conclusion(verdict, answer, tuple(steps), sure)
+    return EvidenceJudgement(conclusion, steps[-1], others, numbers, moments_of(found), undecided)
+
+
+def moments_of(found: Found) -> list[Moment]:
+    """The blocks of a set."""
+    intervals, blocks = found.point.intervals, found.point.basis.blocks
+    chunks, nats, moments = Chunks.of(intervals), found.by_level.max(axis=0) - found.by_level[0], []
+    for (chunk, first, end), own in zip(blocks.places, nats.tolist(), strict=True):
+        course, at = intervals.courses[chunks.log[chunk]], int(chunks.first[chunk])
+        instants = course.begins[at + first], course.begins[at + end - 1] + 1
+        begin_s, end_s = course.states.log.time[course.rows[[*instants]]].tolist()
+        moments.append(Moment(course.states.log.name, begin_s, end_s, own))
+    return moments
+
+
+def without_pushes(moments: Sequence[Moment], forces: Sequence[OutsideForce]) -> list[Moment]:
+    """The moments in which none of some forces acts, nor what a filter that knows none has still to follow."""
+    acting = [(one.log, one.begin_s - MARGIN_S, one.end_s + FOLLOWED_S) for one in forces]
+    return [
+        own
+        for own in moments
+        if not any(own.log == log and own.begin_s < end_s and begin_s < own.end_s for log, begin_s, end_s in acting)
+    ]
+
+
+def is_explained(moments: Sequence[Moment]) -> bool:
+    """Whether nothing without a name acts in some moments."""
+    return sum(own.nats for own in moments) <= UNNAMED * len(moments)
 
 
 def by_whole_logs(candidate: Candidate, gap: HeldOutGap) -> Candidate:
