@@ -123,7 +123,8 @@ class Search:
         if self.bench.robot.feet and answer.unnamed > max(MUCH, LEAST_SHARE * start.unnamed):
             free = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD)), replay=True)
             answer = free if free.members and free.evidence > answer.evidence else answer
-        return start, self.linearised(answer, anew=False) if answer.members else answer
+        again = [self.linearised(answer, anew=False)] if answer.members else []
+        return start, max([answer, *again], key=lambda one: one.evidence)
 
     def ascend(self, now: Found, replay: bool = False) -> Found:
         """The answer from a set without effects on; with ``replay`` the first may be one whose columns tell little."""

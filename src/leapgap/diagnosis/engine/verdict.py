@@ -230,5 +230,5 @@ def without_immaterial(search: Search, start: Found, found: Found, gap: HeldOutG
 def single_effects(search: Search, start: Found, found: Found) -> list[tuple[Candidate, float]]:
     """Fits of the likeliest single effects that the set has not, one a name, with the probability 0 of what is out."""
     known = {h.name for h in found.members}
-    likely = few_of_each([h for gain, h in screen(start.point) if gain > 0 and h.name not in known], 1)
+    likely = few_of_each([h for _, h in screen(start.point) if h.name not in known], 1)
     return [(candidate_of(search.judge(start.point, [h])), 0.0) for h in likely[:SINGLES]]
