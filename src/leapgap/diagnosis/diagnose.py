@@ -9,7 +9,7 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
-from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.candidates import Candidate, in_words
 from leapgap.diagnosis.checks import CheckResult, as_read, clock_of, run_checks
 from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_source
 from leapgap.diagnosis.decision import Judgement, judge, judge_jointly
@@ -17,7 +17,15 @@ from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.doubts import with_doubts
 from leapgap.diagnosis.engine.points import Bench
 from leapgap.diagnosis.engine.search import Search
-from leapgap.diagnosis.engine.verdict import EvidenceJudgement, Moment, Numbers, conclude, is_explained, without_pushes
+from leapgap.diagnosis.engine.verdict import (
+    EvidenceJudgement,
+    Moment,
+    Numbers,
+    ResidualForce,
+    conclude,
+    is_explained,
+    without_pushes,
+)
 from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
@@ -38,7 +46,7 @@ from leapgap.diagnosis.selection import find_causes
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts
 from leapgap.diagnosis.slow_causes import judge_slow_causes
-from leapgap.diagnosis.summary import causes_of, not_judged, profiles_of, sentence
+from leapgap.diagnosis.summary import brief, causes_of, not_judged, profiles_of, sentence
 from leapgap.effects.base import Effect, overrides
 from leapgap.effects.model_field import effect_class
 from leapgap.errors import InputError, did_you_mean
@@ -144,6 +152,7 @@ def diagnose(
         not_judged=(*not_judged(judged), *(f.explained for f in ready.outside.forces if f not in forces)),
         profiles=answer.profiles,
         evidence_numbers=answer.numbers,
+        residual_force=answer.residual,
         gap_per_log=heldout_gap.gap_by_log(corrected.squares),
         landing_misplaced_m=heldout_gap.misplaced_by_log(replays),
         provenance=provenance or Provenance.of(logs, robot, asdict(settings)),
@@ -262,6 +271,7 @@ class FoundAnswer:
     """None where the search was one by one."""
     moments: Sequence[Moment] = ()
     """By evidence, where something without a name acts beside the answer."""
+    residual: tuple[ResidualForce, ...] = ()
     profiles: tuple[Profile, ...] = ()
     notes: tuple[str, ...] = ()
     """What a report must say of how the search was made."""
@@ -334,7 +344,17 @@ def answer_by_evidence(
     draws = settings.noise_draws_of(sum(judged.rows))
     gap = gap.at_stable_horizon(judgement.selected, draws, np.random.default_rng(settings.seed))
     told = gather([states.log for states in judged.whole], judged.robot)
-    return FoundAnswer(judgement, gap, told, None, None, judgement.undecided, judgement.numbers, judgement.moments)
+    notes: tuple[str, ...] = ()
+    left = gap.gap(*gap.squares([judgement.selected]))
+    if judgement.conclusion.answer and left >= gap.unmoved:
+        over = "whole logs" if gap.horizon_s is None else f"{gap.horizon_s:g} s"
+        notes = (
+            f"{in_words(judgement.selected)} is no answer: over {over} a robot that does not move is nearer to the logs "
+            f"(gap {brief(gap.unmoved)}) than the simulation with it ({brief(left)}), so that they judge no simulation",
+        )
+        judgement = judgement.without_answer
+    of_evidence = judgement.undecided, judgement.numbers, judgement.moments, judgement.residual
+    return FoundAnswer(judgement, gap, told, None, None, *of_evidence, notes=notes)
 
 
 def with_best_simulator(

@@ -309,6 +309,11 @@ class HeldOutGap:
         """The horizon that is judged; None: whole logs."""
         return self.replayer.horizon_s if isinstance(self.replayer, RestartedReplayer) else None
 
+    @property
+    def unmoved(self) -> float:
+        """Headline gap of a robot that does not move, at this horizon."""
+        return next(one.unmoved for one in self.horizons if one.horizon_s == self.horizon_s)
+
     def best_closure(self, candidate: Candidate, enough: float) -> float | None:
         """Share of the gap that a candidate closes, where that is not ``enough`` by short steps of the simulation.
 

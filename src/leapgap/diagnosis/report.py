@@ -10,7 +10,7 @@ from leapgap.diagnosis.checks import CheckResult
 from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.closure_by_source import ClosureBySource
 from leapgap.diagnosis.descriptions import DescriptionFigures
-from leapgap.diagnosis.engine.verdict import Numbers
+from leapgap.diagnosis.engine.verdict import Numbers, ResidualForce
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
@@ -134,6 +134,8 @@ class ReportContent:
     """What is unusual, left out or changed of the robot's file and of the logs, such as gravity that is not Earth's."""
     evidence_numbers: Numbers | None = None
     """g, u, d and c of the engine; None where another search was made."""
+    residual_force: tuple[ResidualForce, ...] = ()
+    """The force that replays lack at each degree of freedom, by evidence."""
     best_simulator: BestSimulator | None = None
     """All effects fitted together; None where the settings ask for none."""
 
@@ -185,6 +187,7 @@ class ReportContent:
                 "checks": [check.to_json() for check in self.checks],
                 "evidence": [one.to_json() for one in self.evidence],
                 "evidence_numbers": asdict(self.evidence_numbers) if self.evidence_numbers else None,
+                "residual_force": [asdict(one) for one in self.residual_force],
                 "descriptions": [
                     {**one.to_json(), "closure": closure_to_json(one.closure)} for one in self.descriptions
                 ],

@@ -112,6 +112,8 @@ class Intervals:
     courses: tuple[Course, ...]
     acting: tuple[Effects, ...]
     """Effects of the robot on each log."""
+    residual: np.ndarray | None = None
+    """Force without a name by which the references follow the logs, in its units, (instants of all chunks, nv)."""
 
     @staticmethod
     def of(states: Sequence[States], replayer: Replayer, interval_s: float) -> "Intervals":
@@ -135,7 +137,7 @@ class Intervals:
         """Some of the segments of each log, bool (segments,) of each; logs of which none is left are left out."""
         kept = [log for log, own in enumerate(chosen) if own.any()]
         courses, acting = (self.courses[log].part(chosen[log]) for log in kept), (self.acting[log] for log in kept)
-        return replace(self, courses=tuple(courses), acting=tuple(acting))
+        return replace(self, courses=tuple(courses), acting=tuple(acting), residual=None)
 
     @property
     def robot(self) -> Robot:
@@ -148,10 +150,10 @@ class Intervals:
         own = self.courses[0]
         return float(own.every * own.states.log.info.sample_period_s)
 
-    def with_references(self, references: Sequence[Motion]) -> "Intervals":
-        """The same intervals from other states."""
+    def with_references(self, references: Sequence[Motion], residual: np.ndarray) -> "Intervals":
+        """The same intervals from other states, which follow the logs by a force."""
         courses = tuple(replace(own, reference=new) for own, new in zip(self.courses, references, strict=True))
-        return replace(self, courses=courses)
+        return replace(self, courses=courses, residual=residual)
 
     @cached_property
     def predicted(self) -> list[Motion]:

@@ -12,7 +12,7 @@ closes nothing of a gap is none. A number at the end of its range is never named
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
-from leapgap.diagnosis.outside_forces.search import MARGIN_S
+from leapgap.diagnosis.outside_forces.search import MARGIN_S, place_of
 from leapgap.diagnosis.rival_fits import PLACES, Undecided
 from leapgap.diagnosis.rival_fits import Rival as OpenFit
 
@@ -67,6 +67,20 @@ class Moment:
 
 
 @dataclass(frozen=True)
+class ResidualForce:
+    """The force at a degree of freedom that replays lack, root mean square over the logs."""
+
+    at: str
+    """Name of the joint, or of the body of the free base."""
+    axis: str
+    """Of a base; empty for a joint."""
+    unit: str
+    nominal: float
+    corrected: float
+    """Beside the answer."""
+
+
+@dataclass(frozen=True)
 class EvidenceJudgement:
     """A search by evidence with its conclusion."""
 
@@ -76,7 +90,19 @@ class EvidenceJudgement:
     """One fit for each further hypothesis that was judged, with the probability of its newest effect."""
     numbers: Numbers
     moments: Sequence[Moment]
+    residual: tuple[ResidualForce, ...]
     undecided: Undecided = field(default_factory=Undecided)
+
+    @property
+    def without_answer(self) -> "EvidenceJudgement":
+        """The same where the answer is none."""
+        selected = nothing(len(self.selected.fold_numbers))
+        return replace(self, conclusion=Conclusion("unknown", ()), selected=selected, undecided=Undecided())
+
+
+def nothing(folds: int) -> Candidate:
+    """The nominal robot."""
+    return Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((folds, 0)))
 
 
 def candidate_of(found: Found, order: Sequence[int] | None = None) -> Candidate:
@@ -116,13 +142,13 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     found = without_immaterial(search, start, found, gap)
     blocks = len(found.point.evidence.levels)
     u, before = found.unnamed, start.unnamed
-    nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
+    nominal = nothing(int(gap.folds.max()) + 1)
     explained = is_explained(moments_of(found))
     others = single_effects(search, start, found)
     without = Conclusion("none" if is_explained(moments_of(start)) else "unknown", ())
     if not found.members:
         numbers = Numbers(0.0, u, before, None, None, blocks)
-        return EvidenceJudgement(without, nominal, others, numbers, moments_of(found))
+        return EvidenceJudgement(without, nominal, others, numbers, moments_of(found), residual_of(start, start))
     losses = [found.evidence - found.evidence_without([m]) for m in range(len(found.members))]
     order = [int(m) for m in np.argsort(losses)[::-1]]
     rivals = [rivals_of(search, found, m) for m in order]
@@ -138,7 +164,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     g = found.predictive - start.predictive
     numbers = Numbers(g, u, before, float(d), closes.value, blocks)
     if gap.has_gap and closes.value < LEAST_CLOSURE:
-        return EvidenceJudgement(without, nominal, others, numbers, moments_of(start))
+        return EvidenceJudgement(without, nominal, others, numbers, moments_of(start), residual_of(start, start))
     at_end = steps[-1].at_bound
     if not explained or at_end:
         verdict = "partly"
@@ -147,7 +173,20 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     sure = tuple(1 / (1 + sum(np.exp(-np.clip(r.loss, -50, 50)) for r in own)) for own in rivals)
     undecided = undecided_of(search, found, order, rivals, steps[-1])
     conclusion = Conclusion(verdict, answer, tuple(steps), sure)
-    return EvidenceJudgement(conclusion, steps[-1], others, numbers, moments_of(found), undecided)
+    moments, residual = moments_of(found), residual_of(start, found)
+    return EvidenceJudgement(conclusion, steps[-1], others, numbers, moments, residual, undecided)
+
+
+def residual_of(start: Found, found: Found) -> tuple[ResidualForce, ...]:
+    """The force by which references follow the logs, by the nominal robot and beside a set."""
+    sizes, robot = [], start.point.intervals.robot
+    for one in (start.point, found.point):
+        assert one.intervals.residual is not None
+        sizes.append(np.sqrt((one.intervals.residual**2).mean(axis=0)) * one.basis.linearisation.units)
+    return tuple(
+        ResidualForce(*place_of(dof, robot), float(nominal), float(own))
+        for dof, (nominal, own) in enumerate(zip(*sizes, strict=True))
+    )
 
 
 def moments_of(found: Found) -> list[Moment]:

@@ -200,6 +200,7 @@ class Following:
         at = zip(self.chunks.log, self.chunks.first, strict=True)
         self.state = np.array([own.courses[log].start_states[first] for log, first in at])
         self.force = np.zeros((len(self.chunks.log), self.nv))
+        self.forces: list[np.ndarray] = []
         self.zeros = np.zeros((len(self.chunks.log), len(zero_entries(own))))
 
     def motion(self, states: np.ndarray) -> Motion:
@@ -243,6 +244,7 @@ class Following:
         missed[:, zero_entries(own)] -= self.zeros[order]
         moved = (gain @ missed[:, own.channels.state_entries, None])[:, :, 0]
         self.force[order] = np.exp(-own.interval_s / CORRELATION_S) * self.force[order] + moved[:, n : n + self.nv]
+        self.forces.append(self.force[order])
         self.zeros[order] += moved[:, n + self.nv :]
         following = displaced(base, moved[:, :n], own.robot)
         self.state[order] = np.concatenate([following.qpos, following.qvel], axis=1)
@@ -252,7 +254,8 @@ class Following:
     @property
     def result(self) -> Intervals:
         """The intervals from the states that were followed."""
-        return self.intervals.with_references([self.motion(one) for one in self.references])
+        references = [self.motion(one) for one in self.references]
+        return self.intervals.with_references(references, np.concatenate(self.forces))
 
 
 def zero_entries(intervals: Intervals) -> np.ndarray:
