@@ -22,6 +22,7 @@ from leapgap.diagnosis.engine.verdict import (
     Moment,
     Numbers,
     ResidualForce,
+    candidate_of,
     conclude,
     is_explained,
     without_pushes,
@@ -340,9 +341,10 @@ def answer_by_evidence(
     bench = Bench(hypotheses, settings.tolerances, judged.states, ready.replayer)
     search = Search(bench, gap.folds, progress)
     progress(f"step 2 of 4, search: {len(hypotheses)} hypotheses (an effect at a location)")
-    judgement = conclude(search, *search.explore(), gap)
+    start, found = search.explore()
     draws = settings.noise_draws_of(sum(judged.rows))
-    gap = gap.at_stable_horizon(judgement.selected, draws, np.random.default_rng(settings.seed))
+    gap = gap.at_stable_horizon(candidate_of(found), draws, np.random.default_rng(settings.seed))
+    judgement = conclude(search, start, found, gap)
     told = gather([states.log for states in judged.whole], judged.robot)
     notes: tuple[str, ...] = ()
     left = gap.gap(*gap.squares([judgement.selected]))
