@@ -351,8 +351,8 @@ def answer_by_evidence(
     if judgement.conclusion.answer and left >= gap.unmoved:
         over = "whole logs" if gap.horizon_s is None else f"{gap.horizon_s:g} s"
         notes = (
-            f"{in_words(judgement.selected)} is no answer: over {over} a robot that does not move is nearer to the logs "
-            f"(gap {brief(gap.unmoved)} beside {brief(left)}), so that they judge no simulation",
+            f"{in_words(judgement.selected)} is no answer: over {over} a robot that does not move is nearer to them "
+            f"(gap {brief(gap.unmoved)} beside {brief(left)}), so that these logs judge no simulation",
         )
         judgement = judgement.without_answer
     of_evidence = judgement.undecided, judgement.numbers, judgement.moments, judgement.residual

@@ -168,12 +168,10 @@ class Point:
 
     def evidence_with(self, further: Sequence[Hypothesis]) -> Evidence:
         """Evidence with the columns of further effects, by this linearisation."""
-        found, columns = self.evidence, self.whitened if further else []
-        for h in further:
-            new = self.basis.of_hypothesis(h)
-            found = found.extended(columns, new)
-            columns = [np.concatenate(pair, axis=3) for pair in zip(columns, new, strict=True)]
-        return found
+        if not further:
+            return self.evidence
+        parts = [self.basis.of_hypothesis(h) for h in further]
+        return self.evidence.extended(self.whitened, [np.concatenate(of, axis=3) for of in zip(*parts, strict=True)])
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
 from leapgap.diagnosis.engine.evidence import Blocks, Posterior, Whitened, posterior_of, predictive
-from leapgap.diagnosis.engine.points import Acting, Bench, Point, prior_of
+from leapgap.diagnosis.engine.points import ABSENT, Acting, Bench, Point, prior_of
 from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import overrides
@@ -25,7 +25,9 @@ SOME = 10 * LEAST_GAIN
 """Evidence of a force without a name beside a set, nats, at which further effects are replayed far from nominal."""
 MUCH = 1000.0
 """Evidence of a force without a name beside a set, nats, at which everything is linearised anew about it."""
-MOST_CAUSES = 4
+MOST_CAUSES, MOST_TOGETHER = 4, 8
+POOL = 60
+"""Number of effects that are tried all together."""
 WORTH_A_LOOK = 5.0
 """Evidence that a hypothesis has to gain by its columns to be compared closely, nats."""
 STRETCHED = 3.0
@@ -90,6 +92,17 @@ class Found:
         """Evidence of the set with some members at nominal, by its linearisation, nats."""
         return self.point.evidence.posterior(*self.point.priors((), members)).evidence
 
+    def number_at(self, hypothesis: Hypothesis) -> np.ndarray:
+        """Numbers of an effect at one place: those of the member that acts there, or nominal."""
+        columns, (place,) = (
+            self.point.basis.columns,
+            self.point.basis.columns.members[hypothesis.name, hypothesis.location],
+        )
+        for h, numbers in self.acting:
+            if h.name == hypothesis.name and place in columns.members[h.name, h.location]:
+                return numbers
+        return hypothesis.nominal
+
     @property
     def acting(self) -> Acting:
         """The effects with their numbers, within their ranges; factors within reach of those of the point."""
@@ -115,14 +128,16 @@ class Search:
     def explore(self) -> tuple[Found, Found]:
         """The nominal robot, and the answer.
 
-        Where a robot with feet leaves much unexplained, the search is made once more from references that allow for
-        wrong zeros of its joints, and the likelier of both answers stays.
+        Where much is left unexplained, the search is made once more: of a robot with feet from references that allow
+        for wrong zeros of its joints, of others from all effects together. The likelier of both answers stays.
         """
         start = self.judge(self.bench.nominal())
-        answer = self.ascend(start)
-        if self.bench.robot.feet and answer.unnamed > max(MUCH, LEAST_SHARE * start.unnamed):
-            free = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD)), replay=True)
-            answer = free if free.members and free.evidence > answer.evidence else answer
+        answer, other = self.ascend(start), start
+        if not self.bench.robot.feet and answer.unnamed > MUCH:
+            other = self.together(answer)
+        elif self.bench.robot.feet and answer.unnamed > max(MUCH, LEAST_SHARE * start.unnamed):
+            other = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD)), replay=True)
+        answer = other if other.members and other.evidence > answer.evidence else answer
         again = [self.linearised(answer, anew=False)] if answer.members else []
         return start, max([answer, *again], key=lambda one: one.evidence)
 
@@ -150,6 +165,22 @@ class Search:
                 break
             now = replace(self.without_idle(best), rivals=rivals)
         return now
+
+    def together(self, now: Found) -> Found:
+        """What is left of all effects at once, at every single place, without those that gain little.
+
+        Causes that act together at several joints each look wrong alone: a force without a name has to be large beside
+        any few of them, and hides the others. So all are fitted first, about a set.
+        """
+        point = now.point
+        pool = [h for _, h in screen(point, again=True) if len(point.basis.columns.members[h.name, h.location]) == 1]
+        acting = tuple((h, now.number_at(h)) for h in pool[:POOL])
+        full = self.settle(self.moved(point, acting))
+        full = self.settle(max([full, self.linearised(full)], key=lambda one: one.evidence))
+        kept = needed(full.point)
+        self.progress(f"together: {len(kept)} of {len(pool)} effects")
+        found = self.settle(self.moved(full.point, kept))
+        return self.without_idle(max([found, self.linearised(found)], key=lambda one: one.evidence))
 
     def promising(self, now: Found, linear: Sequence[Found]) -> list[Found]:
         """Those sets, settled, that may gain most by what their columns say, the best first.
@@ -330,14 +361,58 @@ class Projection:
         return columns.T @ self.errors - cross.T @ self.explained, columns.T @ columns - cross.T @ cross
 
 
-def screen(point: Point, without: Sequence[int] = ()) -> list[tuple[float, Hypothesis]]:
+def needed(point: Point) -> Acting:
+    """Members of a point without those that others make up for, one number for all places where these need no more.
+
+    In closed form: one after the other is taken away while what is left is worth more without it.
+    """
+    (deviation, centre), first = point.priors(), point.nuisances
+    gram, constant = point.evidence.at_best_levels(deviation, centre).total()
+    ends = np.cumsum([first, *(len(numbers) for _, numbers in point.acting)]).tolist()
+    kept = list(range(len(point.acting)))
+    while True:
+        told = posterior_of(gram, constant, deviation, centre)
+        at = {m: slice(ends[m], ends[m + 1]) for m in kept}
+        off = {m: told.mean[of] - centre[of] for m, of in at.items()}
+        losses = [quadratic(off[m], told.covariance[at[m], at[m]]) - LEAST_GAIN * len(off[m]) for m in kept]
+        if not kept or (min(losses) > 0 and len(kept) <= MOST_TOGETHER):
+            break
+        out = kept.pop(int(np.argmin(losses)))
+        deviation[ends[out] : ends[out + 1]] = ABSENT
+    members, found = point.basis.columns.members, []
+    for name in dict.fromkeys(point.acting[m][0].name for m in kept):
+        own = [m for m in kept if point.acting[m][0].name == name]
+        places = {place for m in own for place in members[name, point.acting[m][0].location]}
+        joint = next(h for h in point.basis.hypotheses if h.name == name and {*members[name, h.location]} == places)
+        which = [ends[m] for m in own]
+        differ = told.mean[which][1:] + centre[which[0]] - told.mean[which[0]] - centre[which][1:]
+        contrast = np.concatenate([-np.ones((len(own) - 1, 1)), np.eye(len(own) - 1)], axis=1)
+        spread = contrast @ told.covariance[np.ix_(which, which)] @ contrast.T
+        if (
+            joint
+            and len(own) > 1
+            and len(joint.parameters) == 1
+            and quadratic(differ, spread) < LEAST_GAIN * len(differ)
+        ):
+            found.append((joint, joint.nominal + np.mean([off[m] for m in own], axis=0)))
+        else:
+            found += [(h, h.nominal + off[m]) for m, (h, _) in ((m, point.acting[m]) for m in own)]
+    return tuple((h, h.clip(numbers)) for h, numbers in found)
+
+
+def quadratic(off: np.ndarray, covariance: np.ndarray) -> float:
+    """Log likelihood that numbers lose at zero, nats."""
+    return float(0.5 * off @ np.linalg.solve(covariance, off)) if len(off) else 0.0
+
+
+def screen(point: Point, without: Sequence[int] = (), again: bool = False) -> list[tuple[float, Hypothesis]]:
     """Evidence that each further hypothesis alone would gain at the levels as they are, nats, the best first.
 
     In closed form: columns and errors less what the nuisances and the point's own numbers can do for them. Members
-    ``without`` are taken back to nominal, and others of their effect may take their place.
+    ``without`` are taken back to nominal, and others of their effect may take their place; ``again``: also beside them.
     """
     by_errors, by_each = Projection.of(point, *point.priors((), without)).of_columns(point.basis.whitened)
-    present = {h.name for m, (h, _) in enumerate(point.acting) if m not in without}
+    present = set() if again else {h.name for m, (h, _) in enumerate(point.acting) if m not in without}
     same = {h.label for h, _ in point.acting}
     found = []
     for h in point.basis.hypotheses:
