@@ -383,7 +383,9 @@ def needed(point: Point) -> Acting:
     for name in dict.fromkeys(point.acting[m][0].name for m in kept):
         own = [m for m in kept if point.acting[m][0].name == name]
         places = {place for m in own for place in members[name, point.acting[m][0].location]}
-        joint = next(h for h in point.basis.hypotheses if h.name == name and {*members[name, h.location]} == places)
+        joint = next(
+            (h for h in point.basis.hypotheses if h.name == name and {*members[name, h.location]} == places), None
+        )
         which = [ends[m] for m in own]
         differ = told.mean[which][1:] + centre[which[0]] - told.mean[which[0]] - centre[which][1:]
         contrast = np.concatenate([-np.ones((len(own) - 1, 1)), np.eye(len(own) - 1)], axis=1)
