@@ -12,7 +12,8 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
 from leapgap.diagnosis.engine.evidence import Blocks, Posterior, Whitened, posterior_of, predictive
-from leapgap.diagnosis.engine.points import ABSENT, Acting, Bench, Point, prior_of
+from leapgap.diagnosis.engine.points import Acting, Bench, Point, prior_of
+from leapgap.diagnosis.engine.pruning import needed
 from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import overrides
@@ -177,7 +178,7 @@ class Search:
         acting = tuple((h, now.number_at(h)) for h in pool[:POOL])
         full = self.settle(self.moved(point, acting))
         full = self.settle(max([full, self.linearised(full)], key=lambda one: one.evidence))
-        kept = needed(full.point)
+        kept = needed(full.point, LEAST_GAIN, MOST_TOGETHER)
         self.progress(f"together: {len(kept)} of {len(pool)} effects")
         found = self.settle(self.moved(full.point, kept))
         return self.without_idle(max([found, self.linearised(found)], key=lambda one: one.evidence))
@@ -359,52 +360,6 @@ class Projection:
         columns = self.blocks.at_levels(whitened, self.levels)
         cross = np.linalg.solve(self.root, self.known.T @ columns)
         return columns.T @ self.errors - cross.T @ self.explained, columns.T @ columns - cross.T @ cross
-
-
-def needed(point: Point) -> Acting:
-    """Members of a point without those that others make up for, one number for all places where these need no more.
-
-    In closed form: one after the other is taken away while what is left is worth more without it.
-    """
-    (deviation, centre), first = point.priors(), point.nuisances
-    gram, constant = point.evidence.at_best_levels(deviation, centre).total()
-    ends = np.cumsum([first, *(len(numbers) for _, numbers in point.acting)]).tolist()
-    kept = list(range(len(point.acting)))
-    while True:
-        told = posterior_of(gram, constant, deviation, centre)
-        at = {m: slice(ends[m], ends[m + 1]) for m in kept}
-        off = {m: told.mean[of] - centre[of] for m, of in at.items()}
-        losses = [quadratic(off[m], told.covariance[at[m], at[m]]) - LEAST_GAIN * len(off[m]) for m in kept]
-        if not kept or (min(losses) > 0 and len(kept) <= MOST_TOGETHER):
-            break
-        out = kept.pop(int(np.argmin(losses)))
-        deviation[ends[out] : ends[out + 1]] = ABSENT
-    members, found = point.basis.columns.members, []
-    for name in dict.fromkeys(point.acting[m][0].name for m in kept):
-        own = [m for m in kept if point.acting[m][0].name == name]
-        places = {place for m in own for place in members[name, point.acting[m][0].location]}
-        joint = next(
-            (h for h in point.basis.hypotheses if h.name == name and {*members[name, h.location]} == places), None
-        )
-        which = [ends[m] for m in own]
-        differ = told.mean[which][1:] + centre[which[0]] - told.mean[which[0]] - centre[which][1:]
-        contrast = np.concatenate([-np.ones((len(own) - 1, 1)), np.eye(len(own) - 1)], axis=1)
-        spread = contrast @ told.covariance[np.ix_(which, which)] @ contrast.T
-        if (
-            joint
-            and len(own) > 1
-            and len(joint.parameters) == 1
-            and quadratic(differ, spread) < LEAST_GAIN * len(differ)
-        ):
-            found.append((joint, joint.nominal + np.mean([off[m] for m in own], axis=0)))
-        else:
-            found += [(h, h.nominal + off[m]) for m, (h, _) in ((m, point.acting[m]) for m in own)]
-    return tuple((h, h.clip(numbers)) for h, numbers in found)
-
-
-def quadratic(off: np.ndarray, covariance: np.ndarray) -> float:
-    """Log likelihood that numbers lose at zero, nats."""
-    return float(0.5 * off @ np.linalg.solve(covariance, off)) if len(off) else 0.0
 
 
 def screen(point: Point, without: Sequence[int] = (), again: bool = False) -> list[tuple[float, Hypothesis]]:
