@@ -14,6 +14,7 @@ from leapgap.diagnosis.candidates import split_numbers
 from leapgap.diagnosis.engine.evidence import Blocks, Posterior, Whitened, posterior_of, predictive
 from leapgap.diagnosis.engine.points import Acting, Bench, Point, prior_of
 from leapgap.diagnosis.engine.pruning import needed
+from leapgap.diagnosis.engine.responses import departed
 from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import overrides
@@ -171,10 +172,15 @@ class Search:
         """What is left of all effects at once, at every single place, without those that gain little.
 
         Causes that act together at several joints each look wrong alone: a force without a name has to be large beside
-        any few of them, and hides the others. So all are fitted first, about a set.
+        any few of them, and hides the others. So all are fitted first, about a set. Those with states of their own take
+        part if the set has them.
         """
-        point = now.point
-        pool = [h for _, h in screen(point, again=True) if len(point.basis.columns.members[h.name, h.location]) == 1]
+        point, known = now.point, {h.name for h in now.members}
+        pool = [
+            h
+            for _, h in screen(point, again=True)
+            if len(point.basis.columns.members[h.name, h.location]) == 1 and (h.name in known or not self.has_memory(h))
+        ]
         acting = tuple((h, now.number_at(h)) for h in pool[:POOL])
         full = self.settle(self.moved(point, acting))
         full = self.settle(max([full, self.linearised(full)], key=lambda one: one.evidence))
@@ -182,6 +188,10 @@ class Search:
         self.progress(f"together: {len(kept)} of {len(pool)} effects")
         found = self.settle(self.moved(full.point, kept))
         return self.without_idle(max([found, self.linearised(found)], key=lambda one: one.evidence))
+
+    def has_memory(self, hypothesis: Hypothesis) -> bool:
+        """Whether a robot with an effect has states that the nominal one has not."""
+        return self.bench.intervals.has_memory(0, (departed(hypothesis, 0),))
 
     def promising(self, now: Found, linear: Sequence[Found]) -> list[Found]:
         """Those sets, settled, that may gain most by what their columns say, the best first.
