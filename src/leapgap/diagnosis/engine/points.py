@@ -338,6 +338,12 @@ class Bench:
         point = Point.of((), here, basis, errors, [own[..., :0] for own in errors])
         return point.evidence.at_best_levels(*point.priors()).posterior(*point.priors()).evidence
 
+    def by_columns(self, near: Point, acting: Acting) -> Point:
+        """The point of a robot with other effects or numbers, with the columns of its effects as they are near by."""
+        here, basis = self.followed(near.intervals, near.basis, acting), near.basis
+        parts = zip(*(basis.of_hypothesis(h) for h, _ in acting), strict=True)
+        return Point.of(acting, here, basis, self.errors(here, basis), [np.concatenate(of, axis=3) for of in parts])
+
     def moved(self, intervals: Intervals, basis: Basis, acting: Acting) -> Point:
         """The point of a robot with other effects or numbers, with the columns of its effects made anew."""
         here = self.followed(intervals, basis, acting) if acting else intervals

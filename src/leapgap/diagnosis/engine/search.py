@@ -182,8 +182,12 @@ class Search:
             if len(point.basis.columns.members[h.name, h.location]) == 1 and (h.name in known or not self.has_memory(h))
         ]
         acting = tuple((h, now.number_at(h)) for h in pool[:POOL])
-        full = self.settle(self.moved(point, acting))
-        full = self.settle(max([full, self.linearised(full)], key=lambda one: one.evidence))
+        best = full = self.judge(self.bench.by_columns(point, acting))
+        for _ in range(ROUNDS):
+            full = self.judge(self.bench.by_columns(full.point, full.acting))
+            best = max([best, full], key=lambda one: one.evidence)
+        full = self.moved(best.point, best.acting)
+        full = self.moved(full.point, full.acting)
         kept = needed(full.point, LEAST_GAIN, MOST_TOGETHER)
         self.progress(f"together: {len(kept)} of {len(pool)} effects")
         found = self.settle(self.moved(full.point, kept))
