@@ -207,7 +207,7 @@ def prepare(
         given = JudgedLogs.of(as_read(logs, checks), robot, settings.sizes)
     replayer = Replayer(robot, max(1, slots), threads, sensors=given.sensors.columns)
     clock = own_clock(given, checks, settings.sizes)
-    by_evidence, outside = clock is None and settings.by_evidence(robot), OutsideForces()
+    by_evidence, outside = clock is None and settings.by_evidence(robot, given.logs), OutsideForces()
     if clock is None and not by_evidence:
         outside = find_outside_forces(given, replayer, settings.outside)
     ready = replace(ready_logs(given, replayer, checks, outside, settings, rng), by_evidence=by_evidence)

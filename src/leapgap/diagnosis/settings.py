@@ -1,5 +1,6 @@
 """Settings of a diagnosis: effects to look for, evidence, search and thresholds."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +12,7 @@ from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.diagnosis.selection import SearchSettings
 from leapgap.effects.model_field import ModelField
 from leapgap.errors import InputError
+from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
 LONGEST_HORIZON_S = 1000.0
@@ -44,7 +46,7 @@ class Settings:
     """Further hypotheses: numbers of the robot's model that no effect is for, each with the range that is searched."""
     engine: str = "by_robot"
     """``evidence``: one evidence of all sets of effects, and of a force without a name; ``search``: one by one, as in
-    0.2. ``by_robot``: by evidence where the base is fixed, one by one where it is free."""
+    0.2. ``by_robot``: by evidence where the base is fixed and rows are of one length, else one by one."""
     folds: int = 4
     """Parts of the logs; each log is judged with values fitted on the other parts."""
     horizon_s: float = 0.1
@@ -84,9 +86,10 @@ class Settings:
     bootstrap_draws: int = 500
     seed: int = 1
 
-    def by_evidence(self, robot: Robot) -> bool:
-        """Whether the search on a robot is by evidence."""
-        return self.engine == "evidence" or (self.engine == "by_robot" and not robot.has_free_base)
+    def by_evidence(self, robot: Robot, logs: Sequence[Log]) -> bool:
+        """Whether the search is by evidence, whose intervals are of one length."""
+        usual = not robot.has_free_base and all(log.is_even for log in logs)
+        return self.engine == "evidence" or (self.engine == "by_robot" and usual)
 
     def noise_draws_of(self, rows: int) -> int:
         """Draws of sensor noise for so many samples: those of long logs are many in one draw."""
