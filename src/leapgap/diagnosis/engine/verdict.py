@@ -34,6 +34,8 @@ SINGLES = 4
 """Number of single effects that a report lists beside the answer."""
 LEAST_CLOSURE = 0.01
 """Share of the gap that a set, and each member of it, has to close."""
+SURE = 0.95
+"""Share of the resamples of logs in which numbers by whole logs have to leave less."""
 FOLLOWED_S = 6 * CORRELATION_S
 """Time after a push in which a filter without a force has still to follow, s."""
 APART = LEAST_GAIN
@@ -217,9 +219,10 @@ def is_explained(moments: Sequence[Moment]) -> bool:
 
 
 def by_whole_logs(candidate: Candidate, gap: HeldOutGap) -> Candidate:
-    """A set that explains the logs with its numbers by whole logs, where these leave less of held-out logs."""
+    """A set that explains the logs with its numbers by whole logs, where these surely leave less of held-out logs."""
     fit = FullRollouts(gap, FullRolloutSettings()).fit(candidate.hypotheses, candidate.numbers)
-    return fit if fit.sensible and fit.heldout.sum() < gap.squares([candidate])[0].sum() else candidate
+    better = gap.share_better(fit.heldout, *gap.squares([candidate]))
+    return fit if fit.sensible and better > SURE else candidate
 
 
 def undecided_of(
