@@ -9,7 +9,7 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
-from leapgap.diagnosis.candidates import Candidate, in_words
+from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.checks import CheckResult, as_read, clock_of, run_checks
 from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_source
 from leapgap.diagnosis.decision import Judgement, judge, judge_jointly
@@ -47,7 +47,7 @@ from leapgap.diagnosis.selection import find_causes
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts
 from leapgap.diagnosis.slow_causes import judge_slow_causes
-from leapgap.diagnosis.summary import brief, causes_of, not_judged, profiles_of, sentence
+from leapgap.diagnosis.summary import causes_of, not_judged, profiles_of, sentence
 from leapgap.effects.base import Effect, overrides
 from leapgap.effects.model_field import effect_class
 from leapgap.errors import InputError, did_you_mean
@@ -346,17 +346,8 @@ def answer_by_evidence(
     gap = gap.at_stable_horizon(candidate_of(found), draws, np.random.default_rng(settings.seed))
     judgement = conclude(search, start, found, gap)
     told = gather([states.log for states in judged.whole], judged.robot)
-    notes: tuple[str, ...] = ()
-    left = gap.gap(*gap.squares([judgement.selected]))
-    if judgement.conclusion.answer and left >= gap.unmoved:
-        over = "whole logs" if gap.horizon_s is None else f"{gap.horizon_s:g} s"
-        notes = (
-            f"{in_words(judgement.selected)} is no answer: over {over} a robot that does not move is nearer to them "
-            f"(gap {brief(gap.unmoved)} beside {brief(left)}), so that these logs judge no simulation",
-        )
-        judgement = judgement.without_answer
     of_evidence = judgement.undecided, judgement.numbers, judgement.moments, judgement.residual
-    return FoundAnswer(judgement, gap, told, None, None, *of_evidence, notes=notes)
+    return FoundAnswer(judgement, gap, told, None, None, *of_evidence, notes=judgement.notes)
 
 
 def with_best_simulator(

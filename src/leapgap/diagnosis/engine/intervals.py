@@ -390,12 +390,12 @@ class PreparedIntervals:
         for k, model in enumerate(self.models):
             own = self.model_of[which] == k
             at, warmth = which[own], None if self.warmth is None else self.warmth[which[own]]
-            full = self.replayer.full_states(self.trial, model, states[own], self.controls[at], warmth)
-            found.append((own, full))
-        all_of = np.zeros((len(states), found[0][1].shape[1]))
+            of_model = self.replayer.full_states(self.trial, model, states[own], self.controls[at], warmth)
+            found.append((own, of_model))
+        full = np.zeros((len(states), found[0][1].shape[1]))
         for own, of_model in found:
-            all_of[own] = of_model
-        return all_of
+            full[own] = of_model
+        return full
 
 
 class Pool:

@@ -22,7 +22,7 @@ from leapgap.simulation.replay import Replayer
 
 INTERVAL_S = 0.01
 """Length of an interval; one row, where that is longer."""
-SOME = 500
+GLANCED = 500
 """About how many intervals tell what is worth a closer look."""
 LEAST_IN_BLOCK = 5
 """Number of intervals of a block at least."""
@@ -113,6 +113,11 @@ class Basis:
         at = [self.columns.at(h, k) for k in range(len(h.parameters))]
         return [np.stack([own[..., own_at].sum(axis=3, dtype=float) for own_at in at], axis=3) for own in self.whitened]
 
+    def of_hypotheses(self, hypotheses: Sequence[Hypothesis]) -> Whitened:
+        """Columns of the numbers of one hypothesis or more."""
+        parts = [self.of_hypothesis(h) for h in hypotheses]
+        return [np.concatenate(of_level, axis=3) for of_level in zip(*parts, strict=True)]
+
 
 @dataclass(frozen=True)
 class Point:
@@ -170,8 +175,7 @@ class Point:
         """Evidence with the columns of further effects, by this linearisation."""
         if not further:
             return self.evidence
-        parts = [self.basis.of_hypothesis(h) for h in further]
-        return self.evidence.extended(self.whitened, [np.concatenate(of, axis=3) for of in zip(*parts, strict=True)])
+        return self.evidence.extended(self.whitened, self.basis.of_hypotheses(further))
 
 
 @dataclass(frozen=True)
@@ -202,7 +206,7 @@ class Bench:
     def some(self) -> np.ndarray:
         """Chunks that tell what is worth a closer look, spread evenly, bool (chunks,)."""
         count = len(self.chunks.log)
-        kept = max(1, round(count * min(1.0, SOME / self.chunks.length.sum())))
+        kept = max(1, round(count * min(1.0, GLANCED / self.chunks.length.sum())))
         return np.isin(np.arange(count), np.linspace(0, count - 1, kept).round())
 
     @cached_property
@@ -341,8 +345,7 @@ class Bench:
     def by_columns(self, near: Point, acting: Acting) -> Point:
         """The point of a robot with other effects or numbers, with the columns of its effects as they are near by."""
         here, basis = self.followed(near.intervals, near.basis, acting), near.basis
-        parts = zip(*(basis.of_hypothesis(h) for h, _ in acting), strict=True)
-        return Point.of(acting, here, basis, self.errors(here, basis), [np.concatenate(of, axis=3) for of in parts])
+        return Point.of(acting, here, basis, self.errors(here, basis), basis.of_hypotheses([h for h, _ in acting]))
 
     def moved(self, intervals: Intervals, basis: Basis, acting: Acting) -> Point:
         """The point of a robot with other effects or numbers, with the columns of its effects made anew."""

@@ -28,6 +28,7 @@ SOME = 10 * LEAST_GAIN
 MUCH = 1000.0
 """Evidence of a force without a name beside a set, nats, at which everything is linearised anew about it."""
 MOST_CAUSES, MOST_TOGETHER = 4, 8
+"""Largest number of causes that are found one by one, and that are left of all effects together."""
 POOL = 60
 """Number of effects that are tried all together."""
 WORTH_A_LOOK = 5.0
@@ -96,12 +97,10 @@ class Found:
 
     def number_at(self, hypothesis: Hypothesis) -> np.ndarray:
         """Numbers of an effect at one place: those of the member that acts there, or nominal."""
-        columns, (place,) = (
-            self.point.basis.columns,
-            self.point.basis.columns.members[hypothesis.name, hypothesis.location],
-        )
+        members = self.point.basis.columns.members
+        (place,) = members[hypothesis.name, hypothesis.location]
         for h, numbers in self.acting:
-            if h.name == hypothesis.name and place in columns.members[h.name, h.location]:
+            if h.name == hypothesis.name and place in members[h.name, h.location]:
                 return numbers
         return hypothesis.nominal
 
@@ -181,6 +180,8 @@ class Search:
             for _, h in screen(point, again=True)
             if len(point.basis.columns.members[h.name, h.location]) == 1 and (h.name in known or not self.has_memory(h))
         ]
+        if not pool:
+            return now
         acting = tuple((h, now.number_at(h)) for h in pool[:POOL])
         best = full = self.judge(self.bench.by_columns(point, acting))
         for _ in range(ROUNDS):
@@ -190,12 +191,14 @@ class Search:
         full = self.moved(full.point, full.acting)
         kept = needed(full.point, LEAST_GAIN, MOST_TOGETHER)
         self.progress(f"together: {len(kept)} of {len(pool)} effects")
+        if not kept:
+            return now
         found = self.settle(self.moved(full.point, kept))
         return self.without_idle(max([found, self.linearised(found)], key=lambda one: one.evidence))
 
     def has_memory(self, hypothesis: Hypothesis) -> bool:
         """Whether a robot with an effect has states that the nominal one has not."""
-        return self.bench.intervals.has_memory(0, (departed(hypothesis, 0),))
+        return self.bench.intervals.has_memory(0, (departed(hypothesis, 0, self.bench.states[0].log.name),))
 
     def promising(self, now: Found, linear: Sequence[Found]) -> list[Found]:
         """Those sets, settled, that may gain most by what their columns say, the best first.

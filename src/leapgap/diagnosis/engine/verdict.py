@@ -12,11 +12,11 @@ closes nothing of a gap is none. A number at the end of its range is never named
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate, clip_numbers
+from leapgap.diagnosis.candidates import Candidate, clip_numbers, in_words
 from leapgap.diagnosis.decision import Conclusion
 from leapgap.diagnosis.engine.search import LEAST_GAIN, LEAST_SHARE, Found, Search, few_of_each, screen
 from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks
@@ -79,7 +79,7 @@ class ResidualForce:
     unit: str
     nominal: float
     corrected: float
-    """Beside the answer."""
+    """The same once the effects of the answer act."""
 
 
 @dataclass(frozen=True)
@@ -94,17 +94,8 @@ class EvidenceJudgement:
     moments: Sequence[Moment]
     residual: tuple[ResidualForce, ...]
     undecided: Undecided = field(default_factory=Undecided)
-
-    @property
-    def without_answer(self) -> "EvidenceJudgement":
-        """The same where the answer is none."""
-        selected = nothing(len(self.selected.fold_numbers))
-        return replace(self, conclusion=Conclusion("unknown", ()), selected=selected, undecided=Undecided())
-
-
-def nothing(folds: int) -> Candidate:
-    """The nominal robot."""
-    return Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((folds, 0)))
+    notes: tuple[str, ...] = ()
+    """Why a set that was found is no answer."""
 
 
 def candidate_of(found: Found, order: Sequence[int] | None = None) -> Candidate:
@@ -144,13 +135,14 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     found = without_immaterial(search, start, found, gap)
     blocks = len(found.point.evidence.levels)
     u, before = found.unnamed, start.unnamed
-    nominal = nothing(int(gap.folds.max()) + 1)
-    explained = is_explained(moments_of(found))
-    others = single_effects(search, start, found)
-    without = Conclusion("none" if is_explained(moments_of(start)) else "unknown", ())
+    nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
+    moments, of_nominal = moments_of(found), moments_of(start)
+    explained, others = is_explained(moments), single_effects(search, start, found)
+    without = Conclusion("none" if is_explained(of_nominal) else "unknown", ())
+    as_it_is = of_nominal, residual_of(start, start)
     if not found.members:
         numbers = Numbers(0.0, u, before, None, None, blocks)
-        return EvidenceJudgement(without, nominal, others, numbers, moments_of(found), residual_of(start, start))
+        return EvidenceJudgement(without, nominal, others, numbers, *as_it_is)
     losses = [found.evidence - found.evidence_without([m]) for m in range(len(found.members))]
     order = [int(m) for m in np.argsort(losses)[::-1]]
     rivals = [rivals_of(search, found, m) for m in order]
@@ -162,11 +154,18 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     steps = [candidate_of(found, order[: k + 1]) for k in range(len(order))]
     if explained:
         steps[-1] = by_whole_logs(steps[-1], gap)
-    closes = gap.figures([steps[-1]])[0].closure
-    g = found.predictive - start.predictive
-    numbers = Numbers(g, u, before, float(d), closes.value, blocks)
-    if gap.has_gap and closes.value < LEAST_CLOSURE:
-        return EvidenceJudgement(without, nominal, others, numbers, moments_of(start), residual_of(start, start))
+    (figures,) = gap.figures([steps[-1]])
+    numbers = Numbers(found.predictive - start.predictive, u, before, float(d), figures.closure.value, blocks)
+    if gap.has_gap and figures.closure.value < LEAST_CLOSURE:
+        return EvidenceJudgement(without, nominal, others, numbers, *as_it_is)
+    if figures.gap >= gap.unmoved:
+        over = "whole logs" if gap.horizon_s is None else f"{gap.horizon_s:g} s"
+        note = (
+            f"{in_words(steps[-1])} is no answer: over {over} a robot that does not move is nearer to them "
+            f"(gap {gap.unmoved:.2g} beside {figures.gap:.2g}), so that these logs judge no simulation"
+        )
+        unknown = Conclusion("unknown", ())
+        return EvidenceJudgement(unknown, nominal, others, numbers, *as_it_is, notes=(note,))
     at_end = steps[-1].at_bound
     if not explained or at_end:
         verdict = "partly"
@@ -175,8 +174,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     sure = tuple(1 / (1 + sum(np.exp(-np.clip(r.loss, -50, 50)) for r in own)) for own in rivals)
     undecided = undecided_of(search, found, order, rivals, steps[-1])
     conclusion = Conclusion(verdict, answer, tuple(steps), sure)
-    moments, residual = moments_of(found), residual_of(start, found)
-    return EvidenceJudgement(conclusion, steps[-1], others, numbers, moments, residual, undecided)
+    return EvidenceJudgement(conclusion, steps[-1], others, numbers, moments, residual_of(start, found), undecided)
 
 
 def residual_of(start: Found, found: Found) -> tuple[ResidualForce, ...]:
