@@ -12,7 +12,7 @@ import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
 from leapgap.diagnosis.engine.intervals import Intervals, Models, Pool, roll
-from leapgap.diagnosis.engine.responses import Displacements, Linearisation, force_units, rough_steps
+from leapgap.diagnosis.engine.responses import PUSHED, Displacements, Linearisation, force_units, rough_steps
 from leapgap.robot.motion import Motion
 
 CORRELATION_S = 0.05
@@ -299,7 +299,7 @@ def linearised_along(
     n = 2 * nv
     size = n + nv + len(zeros)
     of_force, of_zeros = np.arange(n, n + nv), np.arange(n + nv, size)
-    displacements = Displacements(force_units(intervals))
+    displacements = Displacements(force_units(intervals), 1.0 if robot.feet else PUSHED)
     width = 1 + 3 * nv
     noise2 = noise_at_ends(intervals, chunks) ** 2
     stay = np.exp(-intervals.interval_s / CORRELATION_S)
