@@ -56,6 +56,9 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 
+RECURRING = 3
+"""Number of forces from outside from which on all may not be alike."""
+
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -246,11 +249,15 @@ def ready_logs(
 def pushes_beside(answer: "FoundAnswer", ready: ReadyLogs, settings: Settings) -> OutsideForces:
     """What acts from outside in single logs on the robot with its answer as well.
 
-    A push is told where nothing without a name acts but in the moments of pushes.
+    A push is told where nothing without a name acts but in the moments of pushes. Several that are all at one joint in
+    one direction are of the robot, which lacks something there, and not of its surroundings.
     """
     found = find_outside_forces(ready.judged, ready.replayer, settings.outside)
     effects = answer.judgement.selected.typical_effects(answer.heldout_gap.names)
     forces = unexplained(found.forces, ready.given, ready.replayer, effects)
+    alike = {(one.at, one.axis, one.impulse > 0) for one in forces}
+    if len(forces) >= RECURRING and len(alike) == 1:
+        return OutsideForces()
     if not forces or not is_explained(without_pushes(answer.moments, forces)):
         return OutsideForces()
     return without_moments(forces, ready.judged, settings.outside)
