@@ -53,8 +53,8 @@ def stretches_of(log: Log) -> list[Stretch]:
 def choose_stretches(logs: Sequence[Log], most_rows: int | None = None) -> tuple[list[Log], tuple[str, ...]]:
     """The logs, or stretches of them with no more than about ``most_rows`` rows, and a sentence on what is left out.
 
-    By default ``MOST_ROWS``, and no more than about ``MOST_S``. Long logs are cut into stretches of ``STRETCH_S``; of these and of short logs, in their
-    order, every n-th is taken.
+    By default ``MOST_ROWS``, and no more than about ``MOST_S``. Long logs are cut into stretches of ``STRETCH_S``; of
+    these and of short logs, in their order, every n-th is taken.
     """
     most_rows = MOST_ROWS if most_rows is None else most_rows
     total, whole_s = sum(len(log) for log in logs), sum(log.time[-1] - log.time[0] for log in logs)

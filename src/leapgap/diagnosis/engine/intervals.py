@@ -364,8 +364,7 @@ class Models(ExitStack):
         """The model of a trial in a row of its log."""
         (key,) = self.replayer.alike(trial, [row])
         if key not in self.kept:
-            with without_warnings():  # all effects together may ask for a body of nearly no inertia
-                self.kept[key] = self.enter_context(self.replayer.working_model(trial, row)).model
+            self.kept[key] = self.enter_context(self.replayer.working_model(trial, row)).model
         return self.kept[key]
 
 
