@@ -49,10 +49,13 @@ class Candidate:
     def spread(self, model_error: float = 0.0) -> np.ndarray:
         """Standard deviations of the numbers, (numbers,).
 
-        A share ``model_error`` of each departure from nominal counts as error of the simulation, as in ``Settings``.
+        A share ``model_error`` of each departure from nominal counts as error of the simulation, as in ``Settings``; of
+        a factor or a limit no more than that share of itself.
         """
         fitted = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        return np.hypot(fitted, model_error * np.abs(self.departs))
+        of_itself = np.array([p.logarithmic for h in self.hypotheses for p in h.parameters], dtype=bool)
+        size = np.where(of_itself, np.minimum(np.abs(self.departs), np.abs(self.numbers)), np.abs(self.departs))
+        return np.hypot(fitted, model_error * size)
 
     @property
     def ends(self) -> np.ndarray:
