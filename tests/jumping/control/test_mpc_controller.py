@@ -66,6 +66,17 @@ def test_a_departing_mpc_sends_the_torques_of_the_plan_and_what_it_departs_by(
             assert (np.abs(departs).max() > 1.0) == (off > 0 and 0 < time_s < 0.8)
 
 
+def test_a_departing_mpc_that_cannot_measure_sends_the_plan(jump_reference: Reference, robot: Robot) -> None:
+    controller = DepartingMpc(jump_reference, robot, PhaseGains(), NominalDeviation(A1_BODY), MpcConfig())
+    for time_s in (0.0, 0.2, 0.55):
+        blind = replace(estimate_at(jump_reference, time_s, off=0.02), base_velocity=np.full(3, np.nan))
+        sent = controller.command(blind)
+        row = jump_reference.row(time_s)
+        assert sent.torque == pytest.approx(jump_reference.torque[row], abs=1e-9)
+        assert sent.position == pytest.approx(jump_reference.joint_pos[row])
+    assert controller.fallbacks == {NOT_FINITE: 3}
+
+
 def test_frame_gives_back_the_planar_state_and_turns_forces(jump_reference: Reference, robot: Robot) -> None:
     state = np.array([0.3, 0.25, -0.2, 0.5, -0.4, 0.7])
     seen = estimate(0.0, state, yaw=-1.1)

@@ -80,7 +80,7 @@ class Counting:
 
 
 class Made:
-    log = None
+    log = "a log"
     samples = LandingSamples()
 
 

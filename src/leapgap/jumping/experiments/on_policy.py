@@ -133,12 +133,15 @@ def practise(
         method = replace(nominal.taught(models[-1], landings[1:]), references=plans)
         trials = round_trials(bench, method, practice, number, rng, folder)
         weight = practice.on_policy_weight if number else 1.0
-        made, landings = [], [*landings, LandingSamples()]
+        made, landed = list[DeviatingJump](), LandingSamples()
         for trial, result in zip(trials, bench.runner.results(trials), strict=True):
-            landings[-1] = landings[-1].extended_by(result.samples)
+            landed = landed.extended_by(result.samples)
             flown = None if result.log is None else method.flown(result.log, trial.reference, result.samples)
             if flown is not None:
                 made.append(deviating_jump(*flown, grid, bench.robot, weight))
+        if not made:
+            continue  # all fell, and teach nothing
+        landings.append(landed)
         rounds.append(judged(made, models[-1]))
         jumps += made
         models.append(
