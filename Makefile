@@ -93,7 +93,7 @@ kicked: run
 	python -m stages.draws $(KICKED) metrics/landing_kicked.json
 	python -m stages.made_with metrics/landing_kicked.json
 
-# After make run: the paper's comparison on eight robots by three draws of practice, two hours of two cores:
+# After make run: the paper's comparison on eight robots by three draws of practice, hours of two cores:
 # metrics/landing_paper.json, and the table of docs/research/paper.md. Killed, it goes on where it was.
 PAPER := data/paper
 paper: run

@@ -98,15 +98,18 @@ def tables(figures: Mapping[str, Any]) -> str:
 def cells(
     draws: Sequence[Mapping[str, Mapping[str, float]]], single: Sequence[str], others: Sequence[str]
 ) -> list[str]:
-    """Cells of one method on one robot: means over its draws; those of ``others`` with the range over draws."""
-    errors = {task: [draw["abs_error_cm"].get(task, np.nan) for draw in draws] for task in (*single, *others)}
-    means = {task: float(np.mean(of_task)) for task, of_task in errors.items()}
-    told = {task: f"{one:.1f}" for task, one in means.items()}
-    if len(draws) > 1:
-        told |= {task: f"{told[task]} ({min(errors[task]):.1f}–{max(errors[task]):.1f})" for task in others}
+    """Cells of one method on one robot: means over its draws, empty for tasks that it was not run at; those of
+    ``others`` with the range over draws."""
+    tasks = (*single, *others)
+    errors = {task: [draw["abs_error_cm"][task] for draw in draws if task in draw["abs_error_cm"]] for task in tasks}
+    means = {task: float(np.mean(of_task)) for task, of_task in errors.items() if of_task}
+    told = {task: f"{means[task]:.1f}" if task in means else "" for task in tasks}
+    for task in others:
+        if len(errors[task]) > 1:
+            told[task] += f" ({min(errors[task]):.1f}–{max(errors[task]):.1f})"
     pitch = max(max(draw["worst_pitch_deg"].values()) for draw in draws)
     stand = np.mean([value for draw in draws for value in draw["success"].values()])
-    five = f"{np.mean([means[task] for task in single]):.2f}" if single else ""
+    five = f"{np.mean([means[task] for task in single]):.2f}" if single and means.keys() >= {*single} else ""
     return [str(len(draws)), five, *told.values(), f"{pitch:.0f}°", f"{stand:.0%}"]
 
 

@@ -71,13 +71,20 @@ def test_on_the_plan_a_robot_without_residual_follows_it() -> None:
             assert plan.force == pytest.approx(REFERENCE.mean_force(plan.horizon.time_s), abs=1e-3)
 
 
-def landed(planner: ForcePlanner, model: Springy, off: np.ndarray) -> np.ndarray:
-    """Deviation at the landing of a robot that is as the model says, stepped by hand, from one at the start, (6,)."""
+def landed(planner: ForcePlanner | None, model: Springy, off: np.ndarray, kick: np.ndarray | None = None) -> np.ndarray:
+    """Deviation at the landing of a robot that is as the model says, stepped by hand, from one at the start, (6,).
+
+    Without a planner it goes by the planned forces; a kick, (6,), comes at 0.7 s.
+    """
     e, times = off, [*np.arange(0, 0.8, 0.025), 0.8, 0.9, 1.0, 1.1]
     for time_s, dt in zip(times, [0.025] * 32 + [0.1] * 4, strict=True):
         row, a = REFERENCE.row(time_s), np.zeros(3)
+        if kick is not None and abs(time_s - 0.7) < 1e-9:
+            e = e + kick
         if time_s < 0.8 - 1e-9:
-            force = planner.plan(time_s, REFERENCE.state[row] + e, REFERENCE.foot[row]).force[0]
+            force = REFERENCE.force[row]
+            if planner is not None:
+                force = planner.plan(time_s, REFERENCE.state[row] + e, REFERENCE.foot[row]).force[0]
             du = force - REFERENCE.force[row]
             assert np.abs(du).max() <= 60 + 1e-6
             h, slope, by_force = model.terms(time_s, REFERENCE.foot[row])
@@ -94,6 +101,18 @@ def test_a_drift_that_the_model_knows_is_met_before_it_comes(off: np.ndarray) ->
     surprised = abs(landed(nominal, model, off)[0])
     for planner in planners(model):
         assert abs(landed(planner, model, off)[0]) < surprised / 2
+
+
+def test_what_is_expected_of_the_plan_is_left_alone_and_what_is_not_is_corrected() -> None:
+    """The goal was chosen for the drift: with it alone the planned forces are sent, a kicked robot is brought back."""
+    model, start, kick = Springy(), np.zeros(6), np.array([0.0, 0.0, 0.0, 0.2, 0.0, 0.0])
+    expected, kicked = landed(None, model, start), landed(None, model, start, kick)
+    assert abs(expected[0]) > 0.01, "a drift that shows"
+    for planner in planners(model, replace(CONFIG, to_expected=True)):
+        assert landed(planner, model, start) == pytest.approx(expected, abs=1e-3)
+        assert abs((landed(planner, model, start, kick) - expected)[0]) < abs((kicked - expected)[0]) / 2
+    for planner in planners(model):
+        assert abs(landed(planner, model, start)[0]) < abs(expected[0]) / 2, "the plan itself is aimed at"
 
 
 def test_what_the_landing_weighs_shows_only_where_the_horizon_sees_it() -> None:

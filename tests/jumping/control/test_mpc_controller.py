@@ -10,10 +10,11 @@ from leapgap.jumping.control.gains import JointGains, JointTargets, LandingPose,
 from leapgap.jumping.control.guarded_solve import NOT_FINITE
 from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.control.mpc_controller import POSE_NOT_FINITE, JumpMpc
+from leapgap.jumping.control.mpc_controller import POSE_NOT_FINITE, DepartingMpc, JumpMpc
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.start_frame import StartFrame
 from leapgap.jumping.control.tracking import JointPd
+from leapgap.jumping.models.deviation_model import NominalDeviation
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -46,6 +47,34 @@ def test_commands_do_not_depend_on_where_and_which_way_the_jump_begins(jump_refe
         moved = there.command(replace(turned, base_position=turned.base_position + elsewhere))
         assert moved.planned_force == pytest.approx(first.planned_force, abs=1e-6)
         assert moved.torque == pytest.approx(first.torque, abs=1e-6)
+
+
+def test_a_departing_mpc_sends_the_torques_of_the_plan_and_what_it_departs_by(
+    jump_reference: Reference, robot: Robot
+) -> None:
+    """On the plan those of joint PD alone, in flight too; beside it, the torques of the forces by which it departs."""
+    legs, frame = LegKinematics(robot), StartFrame(0.0, 0.0, 0.0)
+    for off in (0.0, 0.02):
+        controller = DepartingMpc(jump_reference, robot, PhaseGains(), NominalDeviation(A1_BODY), MpcConfig())
+        pd = JointPd(jump_reference, robot, PhaseGains())
+        for time_s in (0.0, 0.3, 0.307, 0.7, 0.9, 1.3):
+            seen = estimate_at(jump_reference, time_s, off=off)
+            sent, plain = controller.command(seen), pd.command(seen)
+            departs = sent.planned_force - plain.planned_force
+            torque = legs.torque(seen.base_quaternion, seen.joint_pos, frame.in_world(departs))
+            assert sent.torque == pytest.approx(plain.torque + torque, abs=1e-6)
+            assert (np.abs(departs).max() > 1.0) == (off > 0 and 0 < time_s < 0.8)
+
+
+def test_a_departing_mpc_that_cannot_measure_sends_the_plan(jump_reference: Reference, robot: Robot) -> None:
+    controller = DepartingMpc(jump_reference, robot, PhaseGains(), NominalDeviation(A1_BODY), MpcConfig())
+    for time_s in (0.0, 0.2, 0.55):
+        blind = replace(estimate_at(jump_reference, time_s, off=0.02), base_velocity=np.full(3, np.nan))
+        sent = controller.command(blind)
+        row = jump_reference.row(time_s)
+        assert sent.torque == pytest.approx(jump_reference.torque[row], abs=1e-9)
+        assert sent.position == pytest.approx(jump_reference.joint_pos[row])
+    assert controller.fallbacks == {NOT_FINITE: 3}
 
 
 def test_frame_gives_back_the_planar_state_and_turns_forces(jump_reference: Reference, robot: Robot) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from leapgap.jumping.experiments import on_policy
 from leapgap.jumping.experiments.bench import Bench, TrialRunner
+from leapgap.jumping.experiments.landing_model import LandingSamples
 from leapgap.jumping.experiments.methods.mpc import MpcMethod
 from leapgap.jumping.experiments.on_policy import LearnedMpcConfig, PracticeRounds, Practised, Round, judged, practise
 from leapgap.jumping.experiments.trial_spec import TrialSpec
@@ -45,7 +46,7 @@ def test_a_round_is_jumped_with_the_model_of_those_before(bench: Bench, monkeypa
     models = []
 
     def noted(trial: TrialSpec) -> object:
-        models.append(trial.method.inner.model)  # type: ignore[attr-defined]
+        models.append(trial.method.model)  # type: ignore[attr-defined]
         return original(trial)
 
     original = TrialSpec.run
@@ -79,7 +80,8 @@ class Counting:
 
 
 class Made:
-    log = None
+    log = "a log"
+    samples = LandingSamples()
 
 
 FAST = Made()

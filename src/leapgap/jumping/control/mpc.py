@@ -4,7 +4,8 @@ import time
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -16,8 +17,10 @@ from leapgap.jumping.control.horizon import ROUNDING_S, Horizon, horizon
 from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.control.qp import Qp, QpSolution, QpSolver, solver
 from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.learning.windows import MOST_STEPS
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.deviation_model import CURVATURE, DeviationModel, PlannedSteps
+from leapgap.jumping.models.rigid_body import PITCH, advance
 from leapgap.logs.pair_force import FORCES, per_axis
 
 
@@ -84,6 +87,24 @@ class AlongPlan(Formulation):
         self.reference, self.model, self.config = reference, model, config
         self._first: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
+    @cached_property
+    def expected(self) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes of the whole jump, s, (n + 1,), and the deviation there that is expected of the plan, (n + 1, 6)."""
+        steps = horizon(replace(self.config.grid, steps=MOST_STEPS), self.reference.schedule, 0.0)
+        affine, force = along_plan(self.model, self.reference, steps), self.reference.mean_force(steps.time_s)
+        found = [np.zeros(6)]
+        for k, step_s in enumerate(steps.step_s):
+            now = affine.at(slice(k, k + 1)).seen_from(found[-1][None])
+            found.append(advance(found[-1], now.acceleration(force[k : k + 1])[0], step_s, CURVATURE))
+        return steps.time_s, np.array(found)
+
+    def wanted(self, times_s: np.ndarray) -> np.ndarray:
+        """Deviation that is aimed at, at some times (n,), (n, 6): none, or the expected one."""
+        if not self.config.to_expected:
+            return np.zeros((len(times_s), 6))
+        nodes, expected = self.expected
+        return np.stack([np.interp(times_s, nodes, column) for column in expected.T], axis=1)
+
     def prepare(self, time_s: float) -> PreparedQp:
         """The model of every step; at a planned force it is that of no departure from it."""
         steps = horizon(self.config.grid, self.reference.schedule, time_s)
@@ -91,7 +112,7 @@ class AlongPlan(Formulation):
         assert affine.by_state is not None
         constant = np.concatenate([affine.bias[0], affine.by_force[0].ravel()])
         self._first[round(time_s * 1e6)] = constant, affine.by_state[0].T.copy()
-        return self.problem(steps, affine.at(slice(1, None)), np.zeros((len(steps), 6)), CURVATURE)
+        return self.problem(steps, affine.at(slice(1, None)), self.wanted(steps.time_s[1:]), CURVATURE)
 
     def start(self, time_s: float, state: np.ndarray) -> np.ndarray:
         """The measured state less that of the plan at this time, (6,)."""
@@ -116,7 +137,12 @@ def along_plan(model: DeviationModel, reference: Reference, steps: Horizon) -> A
     """The model of each step in deviations of the state and in forces on the ground, not their deviations."""
     begin = steps.time_s[:-1]
     planned = PlannedSteps(
-        begin, steps.time_s[1:], reference.foot[reference.rows(begin)], steps.share > 0, reference.target
+        begin,
+        steps.time_s[1:],
+        reference.foot[reference.rows(begin)],
+        steps.share > 0,
+        reference.target,
+        float(reference.state[0, PITCH]),
     )
     affine = model.along(planned)
     force = reference.mean_force(steps.time_s)

@@ -39,6 +39,9 @@ class MpcConfig:
     """In place of ``weights`` at the planned landing, where the horizon reaches it; None: the same there."""
     force_weight: float = 1e-6
     """Cost of a force's difference from the reference, per N²."""
+    to_expected: bool = False
+    """Whether the MPC aims at what a model of the deviation expects of the plan alone, not at the plan: the goal was
+    chosen for that."""
     limits: ForceLimits = field(default_factory=ForceLimits)
     qp: QpConfig = field(default_factory=QpConfig)
     demands: SolutionRequirements = field(default_factory=SolutionRequirements)

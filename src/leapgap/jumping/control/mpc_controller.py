@@ -62,11 +62,15 @@ class JumpMpc(JumpController):
         contact = self.reference.schedule.pairs_in_contact(time_s)
         if not any(contact):
             return self.zero_feed_forward()
+        force = self._decided(time_s, estimate, frame) * PUSHING[contact]
+        return self.legs.planar_torque(*self._measured_pose(time_s, estimate), force, frame), force
+
+    def _decided(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> np.ndarray:
+        """Force of the latest plan, (4,), N; an update first, where one is due."""
         if time_s > self._updates * self.config.period_s - ROUNDING_S:
             self._update(time_s, estimate, frame)
         assert self.plan_now is not None
-        force = self.plan_now.force[0] * PUSHING[contact]
-        return self.legs.planar_torque(*self._measured_pose(time_s, estimate), force, frame), force
+        return self.plan_now.force[0]
 
     def _update(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> None:
         """Plan again; the next update is due at the next whole period."""
@@ -86,3 +90,25 @@ class JumpMpc(JumpController):
         if self._pose is not None:
             return self._pose
         return np.array([1.0, 0.0, 0.0, 0.0]), self.reference.joint_pos[self.reference.row(time_s)]
+
+
+class DepartingMpc(JumpMpc):
+    """The plan's own torques, which move the legs too and overcome what its joints are known to resist; the MPC adds
+    what its forces depart from the plan's by."""
+
+    def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
+        """Torques (joints,), N·m, and pair forces (4,), N."""
+        torque, force = self.planned(time_s)
+        contact = self.reference.schedule.pairs_in_contact(time_s)
+        if not any(contact):
+            return torque, force
+        decided = self._decided(time_s, estimate, frame)
+        departs = (decided - self._mean) * PUSHING[contact]
+        pose = self._measured_pose(time_s, estimate)
+        return torque + self.legs.planar_torque(*pose, departs, frame), force + departs
+
+    def _update(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> None:
+        super()._update(time_s, estimate, frame)
+        assert self.plan_now is not None
+        self._mean = self.reference.mean_force(self.plan_now.horizon.time_s[:2])[0]
+        """Of the plan over the first step, (4,), N."""

@@ -92,6 +92,13 @@ class JumpController(Controller):
         level = float(estimate.base_position[2] - self.reference.state[0, Z]) if self.level_m is None else self.level_m
         return StartFrame.of(estimate, level)
 
+    def planned(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """The planned torques (joints,), N·m, and pair forces (4,), N, up to the planned landing."""
+        if time_s > self.reference.schedule.landing_s:
+            return self.zero_feed_forward()
+        row = self.reference.row(time_s)
+        return self.reference.torque[row], self.reference.force[row]
+
     def zero_feed_forward(self) -> tuple[np.ndarray, np.ndarray]:
         """Zero torques, (joints,), and zero pair forces, (4,)."""
         return np.zeros(len(self.robot.joints)), np.zeros(FORCES)
@@ -101,8 +108,5 @@ class JointPd(JumpController):
     """Joint PD with the torques of the plan as feed-forward: the baseline of every MPC."""
 
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
-        """The planned torques (joints,), N·m, and pair forces (4,), N, up to the planned landing."""
-        if time_s > self.reference.schedule.landing_s:
-            return self.zero_feed_forward()
-        row = self.reference.row(time_s)
-        return self.reference.torque[row], self.reference.force[row]
+        """Those of the plan."""
+        return self.planned(time_s)

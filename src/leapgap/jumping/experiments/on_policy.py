@@ -7,18 +7,16 @@ trusted there.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from leapgap.jumping.control.condensed_qp import ForceLimits
-from leapgap.jumping.control.excitation import Excitation, ExcitedController
+from leapgap.jumping.control.excitation import Excitation
 from leapgap.jumping.control.gains import JointGains, PhaseGains
 from leapgap.jumping.control.mpc_config import MpcConfig, StateWeights
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.method import Method, References
+from leapgap.jumping.experiments.landing_model import LandingSamples
+from leapgap.jumping.experiments.method import References
 from leapgap.jumping.experiments.methods.mpc import MpcMethod
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.trial_spec import TrialSpec
@@ -79,26 +77,6 @@ class LearnedMpcConfig:
 
 
 @dataclass(frozen=True)
-class ExcitedMethod(Method):
-    """Another method's controllers with random forces added."""
-
-    inner: Method | None = None
-    excitation: Excitation = field(default_factory=Excitation)
-    seed: int = 0
-
-    def __call__(self, task: JumpTask) -> Sequence[JumpController]:
-        """New controllers of the task's jumps, in their order."""
-        assert self.inner is not None
-        rng = np.random.default_rng(self.seed)
-        return [ExcitedController(one, self.excitation, rng) for one in self.inner(task)]
-
-    def controller(self, task: JumpTask, reference: Reference) -> JumpController:
-        """One of them."""
-        (found,) = self(replace(task, jumps=1))
-        return found
-
-
-@dataclass(frozen=True)
 class Round:
     """What the jumps of one round showed; ``landed`` beside the plan, ``predicted`` beside the model that made them."""
 
@@ -117,14 +95,21 @@ class Round:
 
 @dataclass(frozen=True)
 class Practised:
-    """The model that is kept, and how the rounds went."""
+    """What is kept, and how the rounds went."""
 
-    model: DeviationModel
+    method: MpcMethod
+    """The MPC with the model that is kept."""
     name: str
     """Of its recipe."""
     kept: int
     """Number of rounds whose jumps it was fitted to."""
     rounds: tuple[Round, ...]
+
+    @property
+    def model(self) -> DeviationModel:
+        """The model that is kept."""
+        assert isinstance(self.method.model, DeviationModel)
+        return self.method.model
 
 
 def practise(
@@ -143,17 +128,20 @@ def practise(
     practice, grid = config.practice, nominal.config.grid
     rng = np.random.default_rng([bench.seed, 23])
     assert isinstance(nominal.model, DeviationModel)
-    models, jumps, rounds = [nominal.model], list[DeviatingJump](), list[Round]()
+    models, jumps, rounds, landings = [nominal.model], list[DeviatingJump](), list[Round](), list[LandingSamples]()
     for number in range(practice.rounds + 1):
-        method = replace(nominal, model=models[-1], references=plans)
+        method = replace(nominal.taught(models[-1], landings[1:]), references=plans)
         trials = round_trials(bench, method, practice, number, rng, folder)
         weight = practice.on_policy_weight if number else 1.0
-        logs = [result.log for result in bench.runner.results(trials)]
-        made = [
-            deviating_jump(log, trial.reference, grid, bench.robot, weight)
-            for trial, log in zip(trials, logs, strict=True)
-            if log is not None
-        ]
+        made, landed = list[DeviatingJump](), LandingSamples()
+        for trial, result in zip(trials, bench.runner.results(trials), strict=True):
+            landed = landed.extended_by(result.samples)
+            flown = None if result.log is None else method.flown(result.log, trial.reference, result.samples)
+            if flown is not None:
+                made.append(deviating_jump(*flown, grid, bench.robot, weight))
+        if not made:
+            continue  # all fell, and teach nothing
+        landings.append(landed)
         rounds.append(judged(made, models[-1]))
         jumps += made
         models.append(
@@ -161,7 +149,7 @@ def practise(
         )
     learned = [one.predicted_cm for one in rounds[1:]]
     kept = len(rounds) if not learned or learned[-1] <= practice.trusted_cm else 1 + int(np.argmin(learned))
-    return Practised(models[kept], config.model, kept, tuple(rounds))
+    return Practised(nominal.taught(models[kept], landings[1:kept]), config.model, kept, tuple(rounds))
 
 
 def round_trials(
@@ -174,10 +162,9 @@ def round_trials(
         block = practice.block_m if (i + number) % 2 else (0.0, 0.0)
         task, target = JumpTask("practice", x_m, block_m=block, slope_rad=practice.slope_rad), Target(x_m)
         force_seed, seed = (int(one) for one in rng.integers(2**31, size=2))
-        excited = ExcitedMethod(method.robot, {}, inner=method, excitation=excitation, seed=force_seed)
-        place = f"{bench.hardware}/{folder}/round_{number}_{i:02d}"
-        plan: Any = method.references[target]
-        trials.append(TrialSpec(place, task, excited, plan, bench.effects, bench.world, seed, with_log=True))
+        place, plan = f"{bench.hardware}/{folder}/round_{number}_{i:02d}", method.references[target]
+        own = replace(method, references={target: plan}).excited(excitation, force_seed)
+        trials.append(TrialSpec(place, task, own, plan, bench.effects, bench.world, seed, with_log=True))
     return trials
 
 

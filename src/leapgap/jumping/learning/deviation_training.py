@@ -46,7 +46,7 @@ class RollOuts(lightning.LightningModule):
         modes = np.stack([mode_of(one)[:learned] for one in steps]).ravel()
         self.of_mode = {name: torch.tensor(np.flatnonzero(modes == name)) for name in start.networks}
         for name, values in {
-            "inputs": np.stack([places(one, start.scale)[:learned] for one in steps]).reshape(-1, 3),
+            "inputs": np.stack([places(one, start.scale)[:learned] for one in steps]).reshape(-1, len(start.scale)),
             "error": np.stack([jump.error for jump in jumps])[:, : learned + 1],
             "force": force,
             "of_body": np.einsum("jkab,jkb->jka", rows, force),

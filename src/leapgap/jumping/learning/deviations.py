@@ -46,10 +46,9 @@ def planned_steps(plan: Log, grid: TimeGrid, robot: Robot) -> PlannedSteps:
     """The steps of a whole plan."""
     schedule = schedule_of(plan)
     times = grid.sample_times(schedule)
-    rows = rows_at(plan, times[:-1])
-    return PlannedSteps(
-        times[:-1], times[1:], feet(plan, robot, rows), schedule.in_contact(times[:-1]), target_of(plan)
-    )
+    begin, stance_rad = times[:-1], float(plan.pitch[0])
+    foot = feet(plan, robot, rows_at(plan, begin))
+    return PlannedSteps(begin, times[1:], foot, schedule.in_contact(begin), target_of(plan), stance_rad)
 
 
 def deviating_jump(jump: Log, plan: Log, grid: TimeGrid, robot: Robot, weight: float = 1.0) -> DeviatingJump:

@@ -35,6 +35,8 @@ class PlannedSteps:
     pushing: np.ndarray
     """Whether the front and the rear pair are planned to push at its start, bool, (n, 2)."""
     target: Target
+    stance_rad: float = 0.0
+    """Planned pitch of the trunk in the crouch at the start, nose-down: that of the ground under the feet."""
 
     def __len__(self) -> int:
         return len(self.time_s)

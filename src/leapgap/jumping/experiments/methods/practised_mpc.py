@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from leapgap.errors import InputError
-from leapgap.jumping.experiments.method import Method
+from leapgap.jumping.experiments.method import Method, References
 from leapgap.jumping.experiments.methods.base import MethodSettings
 from leapgap.jumping.experiments.methods.mpc import MpcMethod
-from leapgap.jumping.experiments.on_policy import Practised, practise
+from leapgap.jumping.experiments.on_policy import PracticeRounds, Practised, practise
 from leapgap.jumping.learning.registry import deviation_recipes
 from leapgap.jumping.models.deviation_model import NominalDeviation
 from leapgap.jumping.task import Target
@@ -48,17 +48,23 @@ class PractisedMpcSettings(MethodSettings):
         config = replace(learned.mpc, grid=rig.settings.grid(self.grid, name))
         return MpcMethod(rig.robot, rig.bench.references, learned.gains, NominalDeviation(rig.body), config)
 
+    def rounds_of(self, rig: "Rig") -> PracticeRounds:
+        """How it practises."""
+        return rig.settings.learned.practice
+
+    def plans(self, rig: "Rig") -> References:
+        """Plans from level ground to the practised targets."""
+        return {target: rig.plan(target) for target in map(Target, self.rounds_of(rig).distances_m)}
+
     def practise(self, name: str, rig: "Rig") -> Practised:
         """The rounds of practice on this robot; those that were made before are read."""
         learned = rig.settings.learned
-        learned = replace(learned, model=self.model or learned.model)
-        plans = {target: rig.plan(target) for target in map(Target, learned.practice.distances_m)}
-        found = practise(rig.bench, self.start(name, rig), plans, learned, {}, f"practice_{name}")
+        learned = replace(learned, model=self.model or learned.model, practice=self.rounds_of(rig))
+        found = practise(rig.bench, self.start(name, rig), self.plans(rig), learned, {}, f"practice_{name}")
         for number, one in enumerate(found.rounds):
             print(f"{rig.bench.hardware}/{name}, round {number}: {one}", flush=True)
         return found
 
     def prepare(self, name: str, rig: "Rig") -> Method | None:
         """Practise on the robot, unless it was done before."""
-        start = self.start(name, rig)
-        return replace(start, model=self.practise(name, rig).model) if self.practises else start
+        return self.practise(name, rig).method if self.practises else self.start(name, rig)

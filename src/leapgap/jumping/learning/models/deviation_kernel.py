@@ -21,11 +21,12 @@ REGRESSORS = 1 + 6 + FORCES
 
 @dataclass
 class DeviationKernelConfig(ModelSettings):
-    """How smoothly h, C and G change with the phase and the target, and how large they may be."""
+    """How smoothly h, C and G change with phase, target and stance, and how large they may be."""
 
     section: ClassVar[str] = "deviation_kernel"
     phase_s: float = 0.05
     target_m: float = 0.3
+    stance_rad: float = 0.15
     ridge: float = 0.1
     """Noise variance over the variance of h, per step of weight 1."""
     error_unit: list[float] = field(default_factory=lambda: [0.02, 0.02, 0.05, 0.1, 0.1, 0.4])
@@ -35,10 +36,13 @@ class DeviationKernelConfig(ModelSettings):
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing."""
-        if not all(
-            0 < one < np.inf for one in (self.phase_s, self.target_m, self.ridge, self.force_unit_n, *self.error_unit)
-        ):
+        if not all(0 < one < np.inf for one in (*self.scale, self.ridge, self.force_unit_n, *self.error_unit)):
             raise ValueError("deviation_kernel: all above 0")
+
+    @property
+    def scale(self) -> np.ndarray:
+        """Divides phase, s, target x and z, m, and stance, rad, (4,)."""
+        return np.array([self.phase_s, self.target_m, self.target_m, self.stance_rad])
 
 
 @dataclass(frozen=True)
@@ -46,18 +50,18 @@ class ModePart:
     """The fit of one mode to n steps."""
 
     place: np.ndarray
-    """Scaled phase and target of each step, (n, 3)."""
+    """Scaled phase, target and stance of each step, (n, 4)."""
     weights: np.ndarray
     """Of 1, the scaled errors and the scaled forces, for each velocity row: (n, 11 × 3)."""
 
 
 @dataclass(frozen=True)
 class DeviationKernel(DeviationModel):
-    """k((s, w), (s', w')) = exp(−‖s − s'‖²/2) w·w', s of phase and target, w = (1, e, du) in units."""
+    """k((s, w), (s', w')) = exp(−‖s − s'‖²/2) w·w', s of phase, target and stance, w = (1, e, du) in units."""
 
     body: RigidBody
     scale: np.ndarray
-    """Divides phase, s, and target x and z, m, (3,)."""
+    """Divides phase, s, target x and z, m, and stance, rad, (4,)."""
     unit: np.ndarray
     """Of the errors and the forces, (10,)."""
     modes: dict[str, ModePart]
@@ -90,14 +94,14 @@ def mode_of(steps: PlannedSteps) -> np.ndarray:
 
 
 def places(steps: PlannedSteps, scale: np.ndarray) -> np.ndarray:
-    """Scaled phase and target at each step, (n, 3)."""
-    target = np.tile([steps.target.x_m, steps.target.z_m], (len(steps), 1))
-    return np.column_stack([steps.time_s, target]) / scale
+    """Scaled phase, target and stance at each step, (n, 4)."""
+    plan = np.tile([steps.target.x_m, steps.target.z_m, steps.stance_rad], (len(steps), 1))
+    return np.column_stack([steps.time_s, plan]) / scale
 
 
 def fit(jumps: Sequence[DeviatingJump], body: RigidBody, config: DeviationKernelConfig) -> DeviationKernel:
     """(K + λ diag(σ² / weight)) a = y for each mode and velocity row; y is what the rigid body leaves of it."""
-    scale = np.array([config.phase_s, config.target_m, config.target_m])
+    scale = config.scale
     unit = np.array([*config.error_unit, *[config.force_unit_n] * FORCES])
     landing_s = float(max(jump.steps.end_s[-1] for jump in jumps))
     rows: dict[str, list[tuple[np.ndarray, ...]]] = {}

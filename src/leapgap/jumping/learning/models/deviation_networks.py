@@ -29,6 +29,7 @@ class DeviationNetworksConfig(ModelSettings):
     """Members of the ensemble."""
     phase_s: float = 0.1
     target_m: float = 0.3
+    stance_rad: float = 0.3
     """Units of the inputs."""
     error_unit: list[float] = field(default_factory=lambda: [0.02, 0.02, 0.05, 0.1, 0.1, 0.4])
     force_unit_n: float = 40.0
@@ -46,17 +47,17 @@ class DeviationNetworksConfig(ModelSettings):
 
 @dataclass(frozen=True)
 class DeviationNetworks(DeviationModel):
-    """The mean of the members: h, then C, then G in units, from scaled phase and target."""
+    """The mean of the members: h, then C, then G in units, from scaled phase, target and stance."""
 
     body: RigidBody
     scale: np.ndarray
-    """Divides phase, s, and target x and z, m, (3,)."""
+    """Divides phase, s, target x and z, m, and stance, rad, (4,)."""
     unit: np.ndarray
     """Of what an output multiplies: 1, the errors and the forces, (11,)."""
     acceleration_unit: np.ndarray
     """(3,), m/s² and rad/s²."""
     networks: Mapping[str, Mlp]
-    """By mode, 3 inputs to 3 × 11 outputs."""
+    """By mode, 4 inputs to 3 × 11 outputs."""
     landing_s: float
 
     def residual(self, steps: PlannedSteps) -> AffineModel:
@@ -84,11 +85,12 @@ def initial_networks(
     task: DeviationTask, config: DeviationNetworksConfig, landing_s: float, random: np.random.Generator
 ) -> DeviationNetworks:
     """Before training: outputs near zero, so that training starts near the rigid body."""
-    sizes = [3, *config.hidden, OUTPUTS]
+    scale = np.array([config.phase_s, config.target_m, config.target_m, config.stance_rad])
+    sizes = [len(scale), *config.hidden, OUTPUTS]
     networks = {name: random_mlp(sizes, config.seeds, 0.1, config.bias_spread, random) for name in MODES}
     return DeviationNetworks(
         task.body,
-        np.array([config.phase_s, config.target_m, config.target_m]),
+        scale,
         np.array([1.0, *config.error_unit, *[config.force_unit_n] * FORCES]),
         np.array(config.acceleration_unit),
         networks,
