@@ -24,7 +24,7 @@ from leapgap.logs.consistency import check_physics
 from leapgap.logs.files import VALUE_BYTES, check_file, check_folder, check_values_fit, decoding
 from leapgap.logs.metadata import read_metadata
 from leapgap.logs.parquet_pages import check_pages
-from leapgap.logs.schema import BASE_QUATERNION, PAIR_FORCE_AXES, check_kind, check_values
+from leapgap.logs.schema import BASE_QUATERNION, PAIR_FORCE_AXES, check_values
 from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
 from leapgap.robot.rotations import continuous, pitch_of, roll_of, yaw_of
 from leapgap.robot.terrain import Box
@@ -283,26 +283,27 @@ def read_log(path: Path) -> Log:
     with decoding(path, "Parquet", "import the log again"):
         table, metadata = read_parquet(path)
         names, rows = table.column_names, table.num_rows
-        columns = {name: column.to_numpy() for name, column in zip(names, table.columns, strict=True)}
+        columns = {
+            name: copy_floats(column.cast(pa.float64(), safe=False).to_numpy())
+            for name, column in zip(names, table.columns, strict=True)
+        }
     text = metadata[METADATA_KEY]
     checksum = header_checksum(text, names, rows)
     if metadata.get(CHECKSUM_KEY, checksum) != checksum:
         raise InputError(path, "a header that is not as it was written", "a whole log", "import the log again")
-    for name, values in columns.items():
-        check_kind(name, values.dtype.kind, path)
     info = LogInfo.from_json(text, path)
-    log = Log(path.stem, {name: copy_floats(values) for name, values in columns.items()}, info)
+    log = Log(path.stem, columns, info)
     check_period(path, log.time, info.sample_period_s)
     check_read(log, path)
     return log
 
 
 def copy_floats(values: np.ndarray) -> np.ndarray:
-    """A read-only copy of a column, as floats.
+    """A read-only copy of a column.
 
     The arrays of a Parquet table lie in buffers of twice their size, which live as long as any of them.
     """
-    copy = values.astype(np.float64)
+    copy = values.copy()
     copy.flags.writeable = False
     return copy
 

@@ -147,7 +147,7 @@ class TableFormat(LogFormat):
         if not path.exists():
             raise InputError(path, "no such file", f"a file of format {self.name}", "name the file")
         table = Table(path, self.read_table(path, options, wanted))
-        check_size(path, sum(array.size for array in table.arrays.values()), table.rows(), options.most_rows)
+        check_size(path, sum(array.size for array in table.arrays.values()), table.rows, options.most_rows)
         return table
 
 
@@ -262,7 +262,7 @@ def has_value(flags: np.ndarray, values: Sequence[Any]) -> np.ndarray:
 
 def with_summed_steps(table: Table, column: str, where: str) -> Table:
     """The table with a time that a column of steps adds up to, each the length until the next row."""
-    steps = flag(table, column, table.rows(), where)
+    steps = flag(table, column, table.rows, where)
     if steps.dtype.kind == "U" or not (steps > 0).all():
         raise InputError(f"{table.path}, column {column}", "steps that are not all positive", "lengths", "map a time")
     return Table(table.path, {**table.arrays, "time": np.concatenate([[0.0], np.cumsum(steps[:-1])])})

@@ -153,7 +153,7 @@ def add_some(quantity: str, one: Family, evidence: Evidence, proposal: Proposal)
     if quantity not in ("tau", "cmd_tau") or not set(one.members) < set(theirs):
         return False
     idle = []
-    values = np.zeros((evidence.table.rows(), len(theirs)))
+    values = np.zeros((evidence.table.rows, len(theirs)))
     for i, (key, joint) in enumerate(zip(theirs, evidence.robot.joints, strict=True)):
         if key in one.members:
             proposal.put("columns", f"{quantity}/{joint}", one.members[key])

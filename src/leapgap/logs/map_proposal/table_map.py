@@ -94,7 +94,7 @@ def tell_unused(columns: Sequence[str], table: Table, robot: Robot, proposal: Pr
     used = used_columns(robot, proposal)
     if names := in_groups([column for column in columns if column not in used]):
         proposal.say(UNUSED, names)
-    others = {name: array for name, array in table.arrays.items() if not array.ndim or table.rows() not in array.shape}
+    others = {name: array for name, array in table.arrays.items() if not array.ndim or table.rows not in array.shape}
     if names := in_groups(list(others)):
         proposal.say(UNUSED, f"not part of the log, of another length: {names}")
     texts = [name for name in table.columns if name in table.arrays and table.arrays[name].dtype.kind in "OSU"]
@@ -125,4 +125,4 @@ def used_columns(robot: Robot, proposal: Proposal) -> set[str]:
 def is_numeric(table: Table, column: str) -> bool:
     """Whether a column is as long as most and holds numbers."""
     values = table.values(column)
-    return values.dtype.kind in "biufMm" and len(values) == table.rows()
+    return values.dtype.kind in "biufMm" and len(values) == table.rows
