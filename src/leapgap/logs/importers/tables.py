@@ -129,3 +129,10 @@ def as_numbers(values: np.ndarray, where: str) -> np.ndarray:
 def product(shape: Iterable[Any]) -> int:
     """Number of values of an array of that shape."""
     return math.prod(int(one) for one in shape)
+
+
+def fields(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
+    """The array by its name, or each field of a structured one as ``name.field``."""
+    if array.dtype.names is None:
+        return {name: array}
+    return {f"{name}.{one}": array[one] for one in array.dtype.names}

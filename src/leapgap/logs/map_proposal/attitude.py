@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from leapgap.logs.derivatives import angular_velocity
 from leapgap.logs.map_proposal.matching import CLEAR
 from leapgap.logs.map_proposal.physics import MOST_ROWS, factors, mean_rates, mean_values, rows_meant
 from leapgap.logs.map_proposal.proposal import GUESSED, SURE, Evidence
-from leapgap.logs.missing_velocities import angular_velocity
 from leapgap.robot.rotations import continuous, upright_cosine
 
 ORDERS = {"w x y z": (0, 1, 2, 3), "x y z w": (3, 0, 1, 2)}
