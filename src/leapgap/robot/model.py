@@ -30,8 +30,6 @@ DEFAULT_MODEL = Path(__file__).with_name("a1.xml")
 ROOTED_M = 0.5
 """Blocks reach this far below the floor. A soft foot that sinks past the middle of a thin box would be pushed out at
 its underside."""
-OTHER_DESCRIPTION = "a1_2020.xml"
-"""Beside the default model: the maker's description of 2020, for ``diagnose.robots``."""
 EARTH, USUAL_GRAVITY = np.array([0.0, 0.0, -9.81]), 0.05
 """Gravity at the ground, and largest departure from it that is not worth a note, m/s²."""
 DOWNWARDS, LEAST_GRAVITY = 0.7, 0.1
