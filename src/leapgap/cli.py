@@ -30,10 +30,7 @@ EXAMPLES = {
         "leapgap diagnose logs robot.xml --out report",
         "leapgap diagnose logs robot.xml --effects joint_friction,joint_damping --threads 4",
     ),
-    "judge": (
-        "leapgap judge report further_logs",
-        "leapgap judge identified.xml further_logs --nominal robot.xml",
-    ),
+    "judge": ("leapgap judge report further_logs", "leapgap judge identified.xml further_logs --nominal robot.xml"),
     "compare": ("leapgap compare logs_before logs_after robot.xml",),
     "actuator-net": ("leapgap actuator-net logs robot.xml --out networks --report report",),
     "consequence": ("leapgap consequence report --policy policy.onnx --map policy.yaml",),
@@ -315,8 +312,7 @@ def run_judge(chosen: argparse.Namespace) -> None:
     """Print what further logs say of each change of a corrected model."""
     settings, robot = settings_of(chosen), robot_of(chosen)
     tell_result(
-        chosen,
-        lambda progress: lg.judge(chosen.correction, chosen.logs, robot, settings, progress, chosen.threads),
+        chosen, lambda progress: lg.judge(chosen.correction, chosen.logs, robot, settings, progress, chosen.threads)
     )
 
 

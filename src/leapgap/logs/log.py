@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from leapgap.errors import InputError
-from leapgap.logs.clock import check_period, is_even, row_lengths, whole_tick
+from leapgap.logs.clock import check_period
 from leapgap.logs.completeness import check_complete
 from leapgap.logs.consistency import check_physics
 from leapgap.logs.files import VALUE_BYTES, check_file, check_folder, check_values_fit, decoding
@@ -36,6 +36,10 @@ JUMP_VERSION = 1
 MANY_VALUES = 3_000_000
 """Values from which on columns are read by several threads; below, threads take longer than they save."""
 METADATA_KEY, CHECKSUM_KEY = b"leapgap", b"leapgap_crc32"
+EVEN = 1e-3
+"""Largest departure of a row's length from the sample period, as a share of it, that counts as none."""
+TICKS_S = (0.001, 0.0005, 0.00025)
+"""Steps of other people's simulations that rows of uneven length may be whole multiples of, s, longest first."""
 
 
 @dataclass(frozen=True)
@@ -184,12 +188,12 @@ class Log:
     @cached_property
     def is_even(self) -> bool:
         """Whether every row lasts one sample period."""
-        return is_even(self.time, self.info.sample_period_s)
+        return bool(np.abs(np.diff(self.time) / self.info.sample_period_s - 1).max() <= EVEN)
 
     @cached_property
     def row_lengths(self) -> np.ndarray:
-        """How long each row lasted by the log's own time, in sample periods, (rows,)."""
-        return row_lengths(self.time, self.info.sample_period_s)
+        """How long each row lasted by the log's own time, in sample periods, (rows,); the last one as a mean row."""
+        return np.ones(len(self)) if self.is_even else np.append(np.diff(self.time) / self.info.sample_period_s, 1.0)
 
     @cached_property
     def uneven_steps(self) -> np.ndarray | None:
@@ -198,8 +202,10 @@ class Log:
 
     @cached_property
     def tick_s(self) -> float | None:
-        """Step, s, of which rows of uneven length last whole numbers; None where there is none, or rows are even."""
-        return None if self.is_even else whole_tick(self.time)
+        """The longest of ``TICKS_S`` that uneven rows are whole multiples of; None: of none, or rows are even."""
+        lengths = np.diff(self.time)
+        whole = (tick for tick in TICKS_S if (np.abs(lengths / tick - np.round(lengths / tick)) < 1e-6).all())
+        return None if self.is_even else next(whole, None)
 
     @cached_property
     def segments(self) -> tuple[Segment, ...]:

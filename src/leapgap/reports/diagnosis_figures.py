@@ -27,10 +27,7 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
         row, column = row_of(place.channel, robot), phases.index(place.phase)
         rows.setdefault(row, np.zeros(len(phases)))[column] += place.share
         ends.setdefault(row, np.zeros((len(phases), 2)))[column] += place.share_ci95
-    order = [
-        *(label for label in LABELS.values() if label in rows),
-        *sorted(set(rows) - set(LABELS.values())),
-    ]
+    order = [*(label for label in LABELS.values() if label in rows), *sorted(set(rows) - set(LABELS.values()))]
     shown = [p for p, _ in enumerate(phases) if any(rows[name][p] for name in order)]
     values = 100 * np.array([[rows[name][p] for p in shown] for name in order])
     figure = go.Figure(

@@ -58,11 +58,7 @@ def add_panels(root: rrb.Container) -> rrb.Blueprint:
     return rrb.Blueprint(
         root,
         rrb.TimePanel(
-            state="collapsed",
-            timeline=TIMELINE,
-            playback_speed=PLAYBACK_SPEED,
-            play_state="paused",
-            loop_mode="all",
+            state="collapsed", timeline=TIMELINE, playback_speed=PLAYBACK_SPEED, play_state="paused", loop_mode="all"
         ),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -152,11 +148,7 @@ def leg(actor: ShownRobot, name: str, residual: bool = False) -> rrb.Container:
     if residual:
         rows.append(("residual", f"Δ position [rad], ghost − {actor.label}"))
     views = [
-        plot(
-            f"joints/{name}/{joint}/{quantity}",
-            f"{joint} {label}",
-            legend=joint == joints[0],
-        )
+        plot(f"joints/{name}/{joint}/{quantity}", f"{joint} {label}", legend=joint == joints[0])
         for quantity, label in rows
         for joint in joints
     ]

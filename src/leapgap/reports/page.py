@@ -58,9 +58,7 @@ def embed_json(text: str, **attributes: str) -> str:
 def embed_figure(figure: go.Figure, name: str) -> str:
     """HTML fragment of a figure; the fixed name makes its bytes repeatable."""
     figure.update_layout(
-        template="plotly_white",
-        font={"family": "system-ui, sans-serif", "size": 13},
-        hoverlabel={"namelength": -1},
+        template="plotly_white", font={"family": "system-ui, sans-serif", "size": 13}, hoverlabel={"namelength": -1}
     )
     spec = json.loads(figure.to_json())
     height = spec["layout"].get("height", 450)

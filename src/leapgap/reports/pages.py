@@ -24,12 +24,7 @@ def write_kept_pages(names: Iterable[str], source: Path, out: Path) -> None:
 
 
 def write_pages(
-    report: Report | None,
-    out: Path,
-    by: str,
-    page: PageSettings,
-    replays: Path | None = None,
-    data: Path | None = None,
+    report: Report | None, out: Path, by: str, page: PageSettings, replays: Path | None = None, data: Path | None = None
 ) -> None:
     """Write a report, its page, its recording and its replays; a note where there were no logs, so no report.
 

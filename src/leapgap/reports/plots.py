@@ -294,8 +294,5 @@ def switched_pairs(actor: ShownRobot) -> tuple[str, ...]:
 
 def log_lane(to: Recorder, entity: str, times: np.ndarray, states: Sequence[str], colours: dict[str, Colour]) -> None:
     """Log one lane of the state timeline: the state from each time on."""
-    to.static(
-        entity,
-        rr.StateConfiguration(values=list(colours), labels=list(colours), colors=list(colours.values())),
-    )
+    to.static(entity, rr.StateConfiguration(values=list(colours), labels=list(colours), colors=list(colours.values())))
     to.over_time(entity, times, rr.StateChange.columns(state=list(states)))

@@ -150,9 +150,7 @@ def hide_robot(to: Recorder, actor: ShownRobot, after_s: float) -> None:
     """Hide a robot from a time on by a scale of 1e-5, which is invisible; Rerun refuses a scale of zero."""
     for body in actor.poses.bodies:
         to.over_time(
-            f"{WORLD}/{actor.key}/{body}",
-            np.array([after_s]),
-            rr.Transform3D.columns(scale=[[1e-5, 1e-5, 1e-5]]),
+            f"{WORLD}/{actor.key}/{body}", np.array([after_s]), rr.Transform3D.columns(scale=[[1e-5, 1e-5, 1e-5]])
         )
 
 
@@ -197,9 +195,7 @@ def log_meshes(to: Recorder, entity: str, some: Sequence[Shape], actor: ShownRob
     for i, shape in enumerate(some):
         place = rr.Transform3D(translation=shape.position, quaternion=rr.Quaternion(xyzw=xyzw(shape.quaternion)))
         mesh = rr.Mesh3D(
-            vertex_positions=shape.vertices,
-            triangle_indices=shape.faces,
-            albedo_factor=shape_colour(shape.rgba, actor),
+            vertex_positions=shape.vertices, triangle_indices=shape.faces, albedo_factor=shape_colour(shape.rgba, actor)
         )
         to.static(f"{entity}/mesh_{i}", place, mesh)
 

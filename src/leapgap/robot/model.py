@@ -12,13 +12,7 @@ from leapgap.errors import InputError
 from leapgap.robot.actuators import check_joint_pd, replace_actuators
 from leapgap.robot.feet import Feet, feet_of, name_contacts
 from leapgap.robot.menagerie import model_file
-from leapgap.robot.model_file import (
-    compile_spec,
-    discard_visual,
-    gravity_of,
-    keep_inertia_changeable,
-    read_spec,
-)
+from leapgap.robot.model_file import compile_spec, discard_visual, gravity_of, keep_inertia_changeable, read_spec
 from leapgap.robot.model_hash import hash_model
 from leapgap.robot.motors import MotorConstants, motors_of
 from leapgap.robot.stated_actuators import SINGLE, JointActuator, actuators_of

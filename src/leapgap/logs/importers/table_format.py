@@ -314,12 +314,7 @@ def finished_log(
         source.append(derived["time"])
     columns["time"] = columns["time"] - columns["time"][:1]
     info = LogInfo(
-        robot.name,
-        mean_period(columns["time"]),
-        "; ".join(source),
-        (),
-        tuple(options.segments),
-        of_jump(options, kind),
+        robot.name, mean_period(columns["time"]), "; ".join(source), (), tuple(options.segments), of_jump(options, kind)
     )
     if info.sample_period_s > LONGEST_PERIOD_S:
         found = (
