@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from leapgap.logs.importers.units import UNITS
-from leapgap.logs.map_proposal.joint_limits import SPUN_RAD, inside, real_limits
 from leapgap.logs.map_proposal.names import Family
 from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, Evidence, Proposal
+from leapgap.logs.map_proposal.unit_readings import SPUN_RAD, inside, real_limits
 from leapgap.logs.schema import COMMANDS
 from leapgap.robot.model import Robot
 

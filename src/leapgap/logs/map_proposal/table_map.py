@@ -98,6 +98,9 @@ def tell_unused(columns: Sequence[str], table: Table, robot: Robot, proposal: Pr
     if names := in_groups(list(others)):
         proposal.say(UNUSED, f"not part of the log, of another length: {names}")
     texts = [name for name in table.columns if name in table.arrays and table.arrays[name].dtype.kind in "OSU"]
+    empty = [name for name in table.columns if has_numbers(table, name) and not is_numeric(table, name)]
+    if names := in_groups([name for name in empty if name not in others]):
+        proposal.say(UNUSED, f"no number in any sample: {names}")
     if names := in_groups([name for name in texts if name not in others]):
         proposal.say(UNUSED, f"texts, which can cut the log or drop rows (cut_by, drop_rows): {names}")
 
@@ -122,7 +125,12 @@ def used_columns(robot: Robot, proposal: Proposal) -> set[str]:
     return used
 
 
-def is_numeric(table: Table, column: str) -> bool:
-    """Whether a column is as long as most and holds numbers."""
+def has_numbers(table: Table, column: str) -> bool:
+    """Whether a column is as long as most and of a numeric type."""
     values = table.values(column)
     return values.dtype.kind in "biufMm" and len(values) == table.rows
+
+
+def is_numeric(table: Table, column: str) -> bool:
+    """Whether a column is as long as most and holds numbers."""
+    return has_numbers(table, column) and bool(np.isfinite(table.values(column)).any())
