@@ -366,8 +366,11 @@ def folder_lock(folder: Path) -> Iterator[None]:
             if held.blocks == 0:
                 LOCKS.pop(path, None)  # the interpreter empties it before it ends a block that nobody ended
                 TEMPORARY.discard(beside)
+                if fcntl is None:
+                    os.close(held.descriptor)  # Windows removes no open file
                 beside.unlink(missing_ok=True)
-                os.close(held.descriptor)
+                if fcntl is not None:
+                    os.close(held.descriptor)
 
 
 def locked_file(beside: Path, path: Path) -> int:
