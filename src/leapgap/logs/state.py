@@ -7,7 +7,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.logs.base_estimate import BaseEstimate, check_base, estimate_base
-from leapgap.logs.derivatives import add_velocities, velocity_fit
+from leapgap.logs.derivatives import DEGREES, add_velocities, velocity_fit
 from leapgap.logs.log import Log
 from leapgap.logs.noise import noise_of
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
@@ -154,16 +154,21 @@ def unmeasured_deviation(
 ) -> np.ndarray:
     """Standard deviation of states that were not measured, in their tangent, (rows, 2 nv).
 
-    That of fitted velocities is by the noise of the positions, and largest at the ends of a log; that of an estimated
-    base by how far its feet disagree.
+    That of fitted velocities is by the noise of the positions, largest at the ends of a log, and by how far a motion is
+    from parabolas: by how much more cubics depart from them than noise explains. That of an estimated base is by how
+    far its feet disagree.
     """
     nv, found = robot.model.nv, np.zeros((len(log), 2 * robot.model.nv))
     if fitted:
-        gain = velocity_fit(log.time, log.time, window_s).noise_gain
-        sigma = noise_of(np.diff(tangent_of(motion, robot), axis=0), log.info.sample_period_s)
+        position = tangent_of(motion, robot)
+        parabola, cubic = (velocity_fit(log.time, position, window_s, degree) for degree in DEGREES)
+        noise = noise_of(np.diff(position, axis=0), log.info.sample_period_s) ** 2
+        more = np.mean(cubic.noise_gain**2 - parabola.noise_gain**2)
+        bent = np.maximum(0, np.mean((cubic.velocity - parabola.velocity) ** 2, axis=0) - noise * more)
+        deviation = np.sqrt(parabola.noise_gain[:, None] ** 2 * noise + bent)
         for quantity, entries in entries_of(robot).items():
             if quantity in fitted:
-                found[:, nv + entries] = gain[:, None] * sigma[entries]
+                found[:, nv + entries] = deviation[:, entries]
     if base is not None:
         found[:, VELOCITY_SLICE.stop - 1] = base.height_deviation
         if not has_base_velocity(log):

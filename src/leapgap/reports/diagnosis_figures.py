@@ -28,7 +28,7 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
         rows.setdefault(row, np.zeros(len(phases)))[column] += place.share
         ends.setdefault(row, np.zeros((len(phases), 2)))[column] += place.share_ci95
     order = [*(label for label in LABELS.values() if label in rows), *sorted(set(rows) - set(LABELS.values()))]
-    shown = [p for p, _ in enumerate(phases) if any(rows[name][p] for name in order)]
+    shown = [p for p, _ in enumerate(phases) if any(rows[name][p] for name in order)] or [*range(len(phases))]
     values = 100 * np.array([[rows[name][p] for p in shown] for name in order])
     figure = go.Figure(
         go.Heatmap(
@@ -37,7 +37,7 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
             y=order,
             colorscale="OrRd",
             zmin=0,
-            text=np.vectorize(lambda v: f"{v:.1f}" if v >= 0.05 else "")(values),
+            text=[[f"{v:.1f}" if v >= 0.05 else "" for v in row] for row in values],
             texttemplate="%{text}",
             customdata=100 * np.array([[np.minimum(ends[name][p], 1.0) for p in shown] for name in order]),
             hovertemplate="%{y}, %{x}: %{z:.1f} % of the gap, at most from %{customdata[0]:.1f} to %{customdata[1]:.1f}"
