@@ -45,6 +45,49 @@ def moved(rate_hz: float = 100.0, share: float = 0.5) -> dict[str, np.ndarray]:
     return columns
 
 
+def as_text(columns: dict[str, np.ndarray], delimiter: str, point: str, before: str = "", header: bool = True) -> str:
+    """A table as spreadsheets and NumPy write it."""
+    rows = [
+        delimiter.join(f"{value:.6f}".replace(".", point) for value in row)
+        for row in zip(*columns.values(), strict=True)
+    ]
+    return "\n".join([before + delimiter.join(columns)] * header + rows)
+
+
+@pytest.mark.parametrize(
+    ("text", "options"),
+    [
+        (as_text(moved(), ",", "."), {}),
+        (as_text(moved(), ";", ","), {"delimiter": ";", "decimal_point": ","}),
+        (as_text(moved(), "\t", ","), {"delimiter": "\t", "decimal_point": ","}),
+        (as_text(moved(), ",", ".", "# recorded today, by hand\n"), {"skip_rows": 1}),
+        (
+            as_text(moved(), ";", ",", "% recorded; today\n%\n"),
+            {"skip_rows": 2, "delimiter": ";", "decimal_point": ","},
+        ),
+        (as_text(moved(), " ", ".", "# "), {"delimiter": " "}),
+        (as_text(moved(), ",", ".", "# "), {}),
+    ],
+)
+def test_tables_of_spreadsheets_and_numpy_are_read_as_they_are_written(
+    arm: Robot, tmp_path: Path, text: str, options: dict
+) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    found = propose_map(tmp_path / "a.csv", arm)
+    assert found.proposal.notes_of(MISSING) == []
+    written = {
+        key: found.options[key] for key in ("skip_rows", "delimiter", "decimal_point", "header") if key in found.options
+    }
+    assert written == options
+
+
+def test_numbers_with_decimal_commas_and_no_names_are_told_from_names(arm: Robot, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(as_text(moved(), ";", ",", header=False))
+    found = propose_map(tmp_path / "a.csv", arm)
+    assert found.options["header"] is False and found.options["decimal_point"] == ","
+    assert "names of the columns: a.csv has no header" in " ".join(found.proposal.notes_of(MISSING))
+
+
 def test_limits_of_a_pendulum_that_turns_over_prove_no_degrees(pendulum: Robot, tmp_path: Path) -> None:
     time = 0.01 * np.arange(600)
     columns = {"t": time, "q": 7 * np.sin(1.5 * time), "dq": 10.5 * np.cos(1.5 * time), "u": np.cos(time)}
