@@ -22,7 +22,7 @@ from leapgap.robot.urdf import is_urdf
 
 DEFAULT_MODEL = Path(__file__).with_name("a1.xml")
 OTHER_DESCRIPTION = "a1_2020.xml"
-"""Beside it, the maker's description of 2020, for ``diagnose.robots``; named here, it is part of what stages depend on."""
+"""Beside it, the maker's description of 2020, for ``diagnose.robots``; a name in code is what stages depend on."""
 ROOTED_M = 0.5
 """Blocks reach this far below the floor. A soft foot that sinks past the middle of a thin box would be pushed out at
 its underside."""
