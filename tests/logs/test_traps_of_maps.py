@@ -81,6 +81,23 @@ def test_tables_of_spreadsheets_and_numpy_are_read_as_they_are_written(
     assert written == options
 
 
+@pytest.mark.parametrize(("whole", "rest"), [("sec", "nsec"), ("header.stamp.sec", "header.stamp.nanosec")])
+def test_seconds_and_nanoseconds_in_two_columns_are_one_clock(
+    arm: Robot, tmp_path: Path, whole: str, rest: str
+) -> None:
+    columns = moved()
+    stamp = 1_700_000_000_700_000_000 + np.round(1e9 * columns.pop("t")).astype(np.int64)
+    np.savez(tmp_path / "a.npz", **{whole: stamp // 10**9, rest: stamp % 10**9}, **columns)
+    found = propose_map(tmp_path / "a.npz", arm)
+    assert found.options["columns"]["time"] == {whole: 1, rest: 1e-9}
+    assert any(
+        one.startswith(f"time is {whole} and {rest} in s: steps of 10 ms") for one in found.proposal.notes_of(SURE)
+    )
+    assert not any(whole in one for one in found.proposal.notes_of("unused"))
+    assert main(["import", str(tmp_path / "a.npz"), str(tmp_path / "arm.xml"), "--out", str(tmp_path / "logs")]) == 0
+    assert read_logs(tmp_path / "logs")[0].time == pytest.approx(moved()["t"], abs=1e-9)
+
+
 def test_numbers_with_decimal_commas_and_no_names_are_told_from_names(arm: Robot, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(as_text(moved(), ";", ",", header=False))
     found = propose_map(tmp_path / "a.csv", arm)

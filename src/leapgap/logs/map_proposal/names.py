@@ -14,6 +14,7 @@ PER_SECOND, SPEED_UNITS = {"s", "sec", "second", "per"}, {"dps", "rpm", "degs", 
 STIFFNESS, DAMPING = {"kp", "stiffness", "pgain"}, {"kd", "damping", "dgain"}
 TIME = {"time", "t", "stamp", "timestamp", "timestamps", "clock", "ts", "times", "elapsed"}
 COUNTERS = {"tick", "ticks"}
+SECONDS, NANOSECONDS = ("sec", "secs", "seconds", "s"), ("nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds", "ns")
 COMMAND = {
     *("cmd", "command", "commands", "commanded", "des", "desired", "ref", "reference", "target", "set", "setpoint"),
     *("goal", "con", "sent", "action", "actions", "sp", "lowcmd", "clipped", "ctrl", "control", "d"),

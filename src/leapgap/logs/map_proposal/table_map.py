@@ -121,7 +121,8 @@ def used_columns(robot: Robot, proposal: Proposal) -> set[str]:
     used = {str(proposal.options.get(part, "")) for part in ("cut_by", "steps")}
     for ours, theirs in proposal.options.get("columns", {}).items():
         quantity, _, place = ours.partition("/")
-        used |= {their_column(quantity, joint, proposal) for joint in robot.joints} if place == "*" else {str(theirs)}
+        named = set(theirs) if isinstance(theirs, Mapping) else {str(theirs)}
+        used |= {their_column(quantity, joint, proposal) for joint in robot.joints} if place == "*" else named
     return used
 
 
