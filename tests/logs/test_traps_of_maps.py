@@ -98,6 +98,28 @@ def test_seconds_and_nanoseconds_in_two_columns_are_one_clock(
     assert read_logs(tmp_path / "logs")[0].time == pytest.approx(moved()["t"], abs=1e-9)
 
 
+def test_arrays_in_json_go_by_the_names_beside_them(arm: Robot, tmp_path: Path) -> None:
+    """As messages of joint states do, whose order is not the one of the model."""
+    columns, order = moved(), ["rolling", "panning", "flexing", "lifting"]
+    lines = [
+        {
+            "stamp": columns["t"][row],
+            "state": {"name": order}
+            | {
+                kind: [columns[f"{head}_{joint}"][row] for joint in order]
+                for kind, head in (("position", "q"), ("velocity", "dq"), ("target", "q_des"))
+            },
+        }
+        for row in range(len(columns["t"]))
+    ]
+    (tmp_path / "a.jsonl").write_text("\n".join(map(json.dumps, lines)))
+    assert propose_map(tmp_path / "a.jsonl", arm).options["columns"]["joint_pos/*"] == "state.position[*]"
+    assert main(["import", str(tmp_path / "a.jsonl"), str(tmp_path / "arm.xml"), "--out", str(tmp_path / "logs")]) == 0
+    (log,) = read_logs(tmp_path / "logs")
+    for joint in ARM:
+        assert log[f"joint_pos/{joint}"] == pytest.approx(columns[f"q_{joint}"])
+
+
 def test_numbers_with_decimal_commas_and_no_names_are_told_from_names(arm: Robot, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(as_text(moved(), ";", ",", header=False))
     found = propose_map(tmp_path / "a.csv", arm)
