@@ -120,6 +120,14 @@ def test_arrays_in_json_go_by_the_names_beside_them(arm: Robot, tmp_path: Path) 
         assert log[f"joint_pos/{joint}"] == pytest.approx(columns[f"q_{joint}"])
 
 
+def test_one_number_for_all_steps_is_the_period(arm: Robot, tmp_path: Path) -> None:
+    columns = {name: values for name, values in moved().items() if name != "t"}
+    np.savez(tmp_path / "a.npz", sim_dt=0.01, **columns)
+    found = propose_map(tmp_path / "a.npz", arm)
+    assert found.options["period_s"] == 0.01 and found.proposal.notes_of(MISSING) == []
+    assert "the spacing of the samples is sim_dt" in found.proposal.notes_of(GUESSED)
+
+
 def test_numbers_with_decimal_commas_and_no_names_are_told_from_names(arm: Robot, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(as_text(moved(), ";", ",", header=False))
     found = propose_map(tmp_path / "a.csv", arm)

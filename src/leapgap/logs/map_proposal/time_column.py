@@ -43,6 +43,10 @@ def find_time(columns: Sequence[str], evidence: Evidence, proposal: Proposal) ->
         if "dt" in words(column) and len(steps) and (steps > 0).all():
             find_steps(column, steps, evidence, proposal)
             return
+    for name, array in evidence.table.arrays.items():
+        if array.size == 1 and array.dtype.kind in "biuf" and "dt" in words(name) and array.item() > 0:
+            find_steps(name, np.full(evidence.table.rows, float(array.item())), evidence, proposal)
+            return
     proposal.say(MISSING, "a column with time stamps: map columns.time, or state period_s if the rows are even")
 
 
