@@ -113,7 +113,7 @@ def as_written(layout: TableFormat, path: Path) -> dict[str, Any]:
     if layout.name != "csv":
         return {}
     before, (first, second) = first_lines(path)
-    delimiter = delimiter_of(second if "," in first else first)
+    delimiter = delimiter_of(first, second)
     found: dict[str, Any] = {"skip_rows": before} if before else {}
     found |= {"delimiter": delimiter} if delimiter != "," else {}
     found |= {"decimal_point": ","} if delimiter != "," and DECIMAL_COMMA.search(second) else {}
@@ -131,7 +131,7 @@ def first_lines(path: Path) -> tuple[int, list[str]]:
     lines = [line.strip() for line in text.split("\n")]
     before = 0
     while lines[before].startswith(COMMENTS) and before + 1 < len(lines):
-        one = delimiter_of(lines[before + 1])
+        one = delimiter_of(lines[before + 1], lines[before + 1])
         if is_of_numbers(lines[before + 1], one) and lines[before].lstrip("#% ").count(one) == lines[before + 1].count(
             one
         ):
@@ -140,10 +140,10 @@ def first_lines(path: Path) -> tuple[int, list[str]]:
     return before, [*lines[before : before + 2], ""][:2]
 
 
-def delimiter_of(line: str) -> str:
-    """What separates the cells of a line; beside another delimiter of numbers, a comma is a decimal one."""
-    others = [one for one in DELIMITERS if one in line and ("," not in line or is_of_numbers(line, one))]
-    return others[0] if others else ","
+def delimiter_of(line: str, numbers: str) -> str:
+    """What separates the cells of a line; a comma, unless there is none or the ``numbers`` below have decimal ones."""
+    found = [one for one in DELIMITERS if one in line and ("," not in line or is_of_numbers(numbers, one))]
+    return found[0] if found else ","
 
 
 def is_of_numbers(line: str, delimiter: str) -> bool:
