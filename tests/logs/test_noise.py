@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from leapgap.logs.noise import noise_of
+from leapgap.logs.noise import noise_in_rows, noise_of
 
 
 @pytest.mark.parametrize("rate_hz", [1000, 500, 200, 100])
@@ -30,3 +30,26 @@ def test_an_impact_is_no_noise() -> None:
     logged[1000:] += 5.0
     (found,) = noise_of(np.diff(logged)[:, None], 0.001)
     assert found == pytest.approx(0.01, rel=0.1)
+
+
+def test_ticks_are_seen_through_decimals() -> None:
+    """A slow sine in ticks of 4096 a turn, written with seven decimals: most differences are none, and none is exact."""
+    tick, time = 2 * np.pi / 4096, np.arange(0, 8, 0.01)
+    logged = np.round(np.round(0.035 * np.sin(2.2 * time) / tick) * tick, 7)
+    (found,) = noise_of(np.diff(logged)[:, None], 0.01)
+    assert 0.95 < found / (tick / np.sqrt(12)) < 2
+
+
+def test_samples_off_in_time_are_off_by_their_speed() -> None:
+    """A swing whose samples are taken up to 2 ms late or early, beside one whose samples are not."""
+    rng = np.random.default_rng(3)
+    time = np.cumsum(rng.uniform(0.004, 0.006, 1500))
+    taken = time + rng.uniform(-0.002, 0.002, len(time))
+    true, white = 0.8 * np.sin(4 * time), 1e-4 * rng.standard_normal(len(time))
+    logged = np.stack([0.8 * np.sin(4 * taken) + white, true + white], axis=1)
+    found = noise_in_rows(time, logged, np.array([1e-4, 1e-4]))
+    fast, slow = np.abs(np.cos(4 * time)) > 0.9, np.abs(np.cos(4 * time)) < 0.1
+    off = np.abs(logged[:, 0] - true)
+    assert np.sqrt(np.mean(off[fast] ** 2)) == pytest.approx(found[fast, 0].mean(), rel=0.3)
+    assert found[slow, 0].mean() < 0.2 * found[fast, 0].mean()
+    assert found[:, 1].max() < 2e-4

@@ -10,7 +10,7 @@ import pytest
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
-from leapgap.logs.state import columns_of, commanded_torque, motion_of
+from leapgap.logs.state import States, columns_of, commanded_torque, motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from tests.conftest import standing
@@ -110,6 +110,18 @@ def test_velocities_that_were_not_logged_are_the_slope_of_the_positions(robot: R
     assert not motion.base_angular_velocity[:, 0].any()
     assert motion.base_angular_velocity[:, 1].all()
     assert motion.qvel[:, 6:] == pytest.approx(np.tile(2 * log.time[:, None], (1, 12)), abs=1e-9)
+
+
+def test_fitted_velocities_are_as_unsure_as_the_motion_is_bent(robot: Robot) -> None:
+    """Without noise all that a parabola gets wrong of a fast swing is its third derivative."""
+    log = wild_log(robot)
+    log = replace(log, info=replace(log.info, stated_segments=()))
+    swing, rate = 0.5 * np.sin(60 * log.time), 30 * np.cos(60 * log.time)
+    columns = dict(log.columns) | {f"joint_pos/{joint}": swing for joint in robot.joints}
+    kept = {name: values for name, values in columns.items() if not name.startswith("joint_vel")}
+    states = States.of(replace(log, columns=kept), robot)
+    off = states.motion.qvel[:, 6] - rate
+    assert states.deviation[:, robot.model.nv + 6].mean() == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.5)
 
 
 def test_commanded_torque_is_the_law_of_the_contract(robot: Robot) -> None:

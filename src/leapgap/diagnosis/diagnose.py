@@ -32,7 +32,7 @@ from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
-from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.judged_logs import JudgedLogs, parts_of_long
 from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.next_experiment import propose
 from leapgap.diagnosis.other_simulations import judge_other_simulations
@@ -205,6 +205,12 @@ def prepare(
     checks = run_checks(given.logs, robot, settings.check_thresholds, logs)
     if any(check.reads is not None for check in checks):
         given = JudgedLogs.of(as_read(logs, checks), robot, settings.sizes)
+    whole_s = sum(log.time[-1] for log in given.logs)
+    parts = parts_of_long([states.log for states in given.whole], settings.judged_s)
+    if any(part is not states.log for part, states in zip(parts, given.whole, strict=True)):
+        given = JudgedLogs.of(parts, robot, settings.sizes)
+        judged_s = sum(log.time[-1] for log in given.logs)
+        progress(f"of {whole_s:.0f} s of logs {judged_s:.0f} s are judged; the setting judged_s changes that")
     replayer = Replayer(robot, max(1, slots), threads, sensors=given.sensors.columns)
     clock = own_clock(given, checks, settings.sizes)
     by_evidence, outside = clock is None and settings.by_evidence(robot, given.logs), OutsideForces()

@@ -18,6 +18,8 @@ from leapgap.robot.model import Robot
 LONGEST_HORIZON_S = 1000.0
 ENOUGH_ROWS = 20_000
 """Number of samples up to which every draw of noise is made."""
+NEARLY_EVEN = 0.05
+"""Standard deviation of the length of rows, as a share of it, up to which a log may be cut into equal intervals."""
 ENGINES = ("by_robot", "evidence", "search")
 TOLERANCES = {
     "armature.inertia": 0.05,
@@ -46,7 +48,7 @@ class Settings:
     """Further hypotheses: numbers of the robot's model that no effect is for, each with the range that is searched."""
     engine: str = "by_robot"
     """``evidence``: one evidence of all sets of effects, and of a force without a name; ``search``: one by one, as in
-    0.2. ``by_robot``: by evidence where the base is fixed and rows are of one length, else one by one."""
+    0.2. ``by_robot``: by evidence where the base is fixed and rows are of nearly one length, else one by one."""
     folds: int = 4
     """Parts of the logs; each log is judged with values fitted on the other parts."""
     horizon_s: float = 0.1
@@ -55,6 +57,8 @@ class Settings:
     """Replays are compared with the log at this interval."""
     pieces_per_log: int = 8
     """Number of segments that are replayed of each log, if that is fewer than ``most_pieces`` in all."""
+    judged_s: float = 120.0
+    """Of logs that last longer together one part of each is judged, s; checks are of all samples."""
     most_pieces: int = 48
     """Largest number of segments that are replayed of all logs together."""
     plan: SearchSettings = field(default_factory=SearchSettings)
@@ -87,8 +91,9 @@ class Settings:
     seed: int = 1
 
     def by_evidence(self, robot: Robot, logs: Sequence[Log]) -> bool:
-        """Whether the search is by evidence, whose intervals are of one length."""
-        usual = not robot.has_free_base and all(log.is_even for log in logs)
+        """Whether the search is by evidence, whose intervals are of nearly one length."""
+        lengths = [(np.diff(log.time), log.info.sample_period_s) for log in logs]
+        usual = not robot.has_free_base and all(own.std() <= NEARLY_EVEN * period for own, period in lengths)
         return self.engine == "evidence" or (self.engine == "by_robot" and usual)
 
     def noise_draws_of(self, rows: int) -> int:
@@ -106,7 +111,7 @@ class Settings:
         for name, most in (("noise_draws", 10_000), ("bootstrap_draws", 1_000_000)):
             if getattr(self, name) > most:
                 raise wrong_setting(name, getattr(self, name), f"{counts[name]} to {most}")
-        for name in ("horizon_s", "every_s", "where_horizon_s"):
+        for name in ("horizon_s", "every_s", "where_horizon_s", "judged_s"):
             if not 0 < getattr(self, name) < np.inf:
                 raise wrong_setting(name, getattr(self, name), "a time above 0, s")
         if self.every_s > self.horizon_s:

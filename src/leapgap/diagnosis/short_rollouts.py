@@ -19,7 +19,7 @@ from leapgap.diagnosis.channels import Channel, logged_channels, tangent_differe
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
-from leapgap.logs.noise import noise_of
+from leapgap.logs.noise import noise_in_rows, noise_of
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import QUATERNION_SLICE, Motion
@@ -93,6 +93,14 @@ class StateChannels:
         found = noise_of(self.differences(logged[1:], logged[:-1]), period_s, log.uneven_steps)
         found = with_fast_parts(found, logged, period_s, self.channels)
         return np.maximum(found, [LEAST_NOISE[channel.quantity] for channel in self.channels])
+
+    def noise_in_rows(self, logged: Motion, log: Log) -> np.ndarray:
+        """The same in each row, (rows, channels): where rows are uneven, it is not known well when samples are taken."""
+        noise = self.noise(logged, log)
+        if log.is_even:
+            return np.broadcast_to(noise, (len(log), len(noise)))
+        steps = self.differences(logged[1:], logged[:-1])
+        return noise_in_rows(log.time, np.concatenate([0 * steps[:1], steps.cumsum(axis=0)]), noise)
 
 
 def thin_evenly(rows: Sequence[np.ndarray], most: int) -> list[np.ndarray]:

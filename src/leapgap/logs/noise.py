@@ -1,5 +1,6 @@
 """Sensor noise of a logged channel, estimated from differences of its values."""
 
+from itertools import permutations
 from math import comb
 
 import numpy as np
@@ -15,6 +16,11 @@ QUIETEST_GAP, ROUNDING = 0.02, 1e-6
 ``ROUNDING`` times its spread are the rounding of numbers, and none."""
 ON_GRID = 0.05
 """Values are whole counts that lie off a grid by less than this share of its width, on average; others by a quarter."""
+
+NEIGHBOURS = np.array([-2, -1, 1, 2])
+"""Rows through which a cubic tells what a value should be."""
+JITTER_ROWS, FAST_QUARTER = 8, 0.75
+"""Rows over which a rate is a mean, and the quantile from which on rows are fast."""
 
 
 def resolution_of(values: np.ndarray) -> np.ndarray:
@@ -65,3 +71,32 @@ def white_noise_of(steps: np.ndarray, period_s: float, lengths: np.ndarray | Non
         if len(steps) >= 2 * order
     ]
     return np.min(found, axis=0) if found else np.zeros(steps.shape[1:])
+
+
+def noise_in_rows(time: np.ndarray, values: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Standard deviation in each row of values (rows, channels) whose samples are not taken when their rows say.
+
+    Samples that are off in time are off by more where a value changes faster. A value is compared with the cubic
+    through its four neighbours; what is beyond its ``noise`` (channels,) in the faster quarter of the rows, over the
+    rate there, is one time for each column.
+    """
+    if len(time) < 2 * JITTER_ROWS:
+        return np.broadcast_to(noise, values.shape)
+    at = np.arange(2, len(time) - 2)
+    about = at[:, None] + NEIGHBOURS
+    off = time[about] - time[at, None]
+    weights = np.ones(off.shape)
+    for k, j in permutations(range(len(NEIGHBOURS)), 2):
+        weights[:, k] *= off[:, j] / (off[:, j] - off[:, k])
+    departure = values[at] - np.einsum("rk,rkc->rc", weights, values[about])
+    departure = np.abs(departure) / np.sqrt(1 + (weights**2).sum(axis=1))[:, None] / NORMAL_MEDIAN
+    first, last = np.clip(at - JITTER_ROWS // 2, 0, None), np.clip(at + JITTER_ROWS // 2, None, len(time) - 1)
+    rate = np.abs(values[last] - values[first]) / (time[last] - time[first])[:, None]
+    late = np.zeros(values.shape[1])
+    for c, own in enumerate(rate.T):
+        fast = own >= np.quantile(own, FAST_QUARTER)
+        speed = np.median(own[fast])
+        if speed > 0:
+            late[c] = np.sqrt(max(0.0, np.median(departure[fast, c]) ** 2 - noise[c] ** 2)) / speed
+    rate = np.concatenate([rate[:1], rate[:1], rate, rate[-1:], rate[-1:]])
+    return np.asarray(np.hypot(noise, late * rate))

@@ -34,7 +34,7 @@ DIVERGED = 1e4
 """A replay with a larger state than this has left the world of numbers; it counts as one that stays where it began."""
 SEGMENT = 64
 """Largest number of intervals of a segment."""
-MOST_S = 25.0
+MOST_S = 12.0
 """About how much is kept of all logs together, s."""
 LONG = 1.25
 """Intervals of more steps than this many times the usual number are replayed apart."""
@@ -59,7 +59,7 @@ class Course:
     reference: Motion
     """States at the instants, as reported."""
     noise: np.ndarray
-    """Standard deviation of the sensor noise of each channel, (channels,)."""
+    """Standard deviation of the sensor noise of each channel at the instants, (instants, channels)."""
 
     @staticmethod
     def of(states: States, every: int, segments: Sequence[np.ndarray], channels: StateChannels) -> "Course":
@@ -67,7 +67,7 @@ class Course:
         rows = np.concatenate([every * np.append(own, own[-1] + 1) for own in segments])
         starts, _ = smooth_starts(states.motion, rows.tolist(), states.log, channels.robot)
         reference = Motion(*np.split(starts.states, [channels.robot.model.nq], axis=1))
-        noise = channels.noise(states.motion, states.log)
+        noise = channels.noise_in_rows(states.motion, states.log)[rows]
         return Course(states, every, tuple(map(len, segments)), rows, reference, noise)
 
     def part(self, chosen: np.ndarray) -> "Course":
@@ -75,7 +75,8 @@ class Course:
         lengths = np.array(self.segments)
         instants = np.repeat(chosen, lengths + 1)
         segments, reference = tuple(lengths[chosen].tolist()), self.reference[np.flatnonzero(instants)]
-        return replace(self, segments=segments, rows=self.rows[instants], reference=reference)
+        rows, noise = self.rows[instants], self.noise[instants]
+        return replace(self, segments=segments, rows=rows, reference=reference, noise=noise)
 
     @property
     def intervals(self) -> int:

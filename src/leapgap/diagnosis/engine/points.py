@@ -22,7 +22,7 @@ from leapgap.simulation.replay import Replayer
 
 INTERVAL_S = 0.01
 """Length of an interval; one row, where that is longer."""
-GLANCED = 500
+GLANCED = 250
 """About how many intervals tell what is worth a closer look."""
 LEAST_IN_BLOCK = 5
 """Number of intervals of a block at least."""

@@ -20,6 +20,8 @@ POSITION_STEP, VELOCITY_STEP = 2e-4, 1e-2
 """Displacements by which transitions are differenced: m and rad, m/s and rad/s, about the noise of good sensors."""
 MANY_STEPS = 16
 """Number of steps of the simulation in an interval that may be twice as long for derivatives."""
+PUSHED = 30.0
+"""Units of force by which robots without feet are differenced: what a dry friction holds still moves, if pushed more."""
 LEAST_TORQUE = 1e-3
 """Smallest unit of force, N or N·m."""
 SHARE = 0.1
@@ -54,6 +56,8 @@ class Displacements:
 
     units: np.ndarray
     """Of the force at each degree of freedom, N or N·m, (nv,)."""
+    pushed: float = 1.0
+    """Number of units by which forces are differenced."""
 
     @property
     def steps(self) -> np.ndarray:
@@ -74,7 +78,7 @@ class Displacements:
             moved.append(displaced(states, by, robot))
         moved += [states] * nv
         stacked = np.stack([np.concatenate([one.qpos, one.qvel], axis=1) for one in moved], axis=1)
-        forces = np.concatenate([np.zeros((2 * nv + 1, nv)), np.diag(self.units)])
+        forces = np.concatenate([np.zeros((2 * nv + 1, nv)), self.pushed * np.diag(self.units)])
         return stacked.reshape(-1, stacked.shape[2]), np.tile(forces, (count, 1))
 
     def derivatives(self, reached: Motion, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
@@ -86,7 +90,7 @@ class Displacements:
         width = 1 + 3 * nv
         base = reached[np.repeat(np.arange(0, len(reached), width), width)]
         changes = tangent_difference(reached, base, robot).reshape(-1, width, 2 * nv)[:, 1:].transpose(0, 2, 1)
-        return changes[:, :, : 2 * nv] / self.steps, changes[:, :, 2 * nv :]
+        return changes[:, :, : 2 * nv] / self.steps, changes[:, :, 2 * nv :] / self.pushed
 
 
 def force_units(intervals: Intervals) -> np.ndarray:

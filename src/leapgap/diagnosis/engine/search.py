@@ -203,13 +203,13 @@ class Search:
     def promising(self, now: Found, linear: Sequence[Found]) -> list[Found]:
         """Those sets, settled, that may gain most by what their columns say, the best first.
 
-        Where little is left without a name columns are right, and a set that gains nothing by them is none. Where more
-        is, sets are judged by replays at the numbers that their columns give, and drives far from nominal as well. A
-        further set is settled if it may gain half of the best.
+        Where little is left without a name columns are right, and if no set gains by them, none does. Else sets are
+        judged by replays at the numbers that their columns give, and drives far from nominal as well. A further set is
+        settled if it may gain half of the best.
         """
         gains = [one.worth - now.worth for one in linear]
         sets = [one.acting for one in linear]
-        if now.unnamed > SOME:
+        if now.unnamed > SOME or max(gains, default=0.0) > 0:
             part = self.part(now.point)
             sets += [(*now.acting, one) for one in self.far(part)]
             glances = self.glances(part, now.acting, sets)

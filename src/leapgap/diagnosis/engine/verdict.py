@@ -138,7 +138,8 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
     moments, of_nominal = moments_of(found), moments_of(start)
     explained, others = is_explained(moments), single_effects(search, start, found)
-    without = Conclusion("none" if is_explained(of_nominal) else "unknown", ())
+    unknown = Conclusion("unknown", ())
+    without = Conclusion("none", ()) if is_explained(of_nominal) else unknown
     as_it_is = of_nominal, residual_of(start, start)
     if not found.members:
         numbers = Numbers(0.0, u, before, None, None, blocks)
@@ -164,7 +165,12 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
             f"{in_words(steps[-1])} is no answer: over {over} a robot that does not move is nearer to them "
             f"(gap {gap.unmoved:.2g} beside {figures.gap:.2g}), so that these logs judge no simulation"
         )
-        unknown = Conclusion("unknown", ())
+        return EvidenceJudgement(unknown, nominal, others, numbers, *as_it_is, notes=(note,))
+    if not explained and numbers.g < found.missing:
+        note = (
+            f"{in_words(steps[-1])} came nearest, but what is left unexplained is worth more evidence than it gains "
+            f"({found.missing:.0f} beside {numbers.g:.0f} nats)"
+        )
         return EvidenceJudgement(unknown, nominal, others, numbers, *as_it_is, notes=(note,))
     at_end = steps[-1].at_bound
     if not explained or at_end:

@@ -12,7 +12,7 @@ import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
 from leapgap.diagnosis.engine.intervals import Intervals, Models, Pool, roll
-from leapgap.diagnosis.engine.responses import Displacements, Linearisation, force_units, rough_steps
+from leapgap.diagnosis.engine.responses import PUSHED, Displacements, Linearisation, force_units, rough_steps
 from leapgap.robot.motion import Motion
 
 CORRELATION_S = 0.05
@@ -93,7 +93,7 @@ class Filter:
         level: float,
         interval_s: float,
     ) -> "Filter":
-        """Gains for transitions (chunks, longest, n, n), force responses (…, n, nv), noise (chunks, channels).
+        """Gains for transitions (chunks, longest, n, n), force responses (…, n, nv), noise (…, channels).
 
         ``start`` (chunks, n) is the standard deviation of the first departure; ``entries`` of the state are measured.
         """
@@ -112,13 +112,12 @@ class Filter:
         gains = np.zeros((chunks, longest, size, len(entries)))
         roots = np.zeros((chunks, longest, len(entries), len(entries)))
         determinants = np.zeros((chunks, longest))
-        of_noise = np.zeros((chunks, len(entries), len(entries)))
-        of_noise[:, range(len(entries)), range(len(entries))] = noise**2
-        eye = np.eye(len(entries))
+        measured, eye = range(len(entries)), np.eye(len(entries))
         for k in range(longest):
             covariance = full[:, k] @ covariance @ full[:, k].transpose(0, 2, 1)
             covariance[:, range(size), range(size)] += added
-            innovation = covariance[:, entries[:, None], entries] + of_noise
+            innovation = covariance[:, entries[:, None], entries]
+            innovation[:, measured, measured] += noise[:, k] ** 2
             root = np.linalg.cholesky(0.5 * (innovation + innovation.transpose(0, 2, 1)))
             inverse = np.linalg.solve(root, np.broadcast_to(eye, root.shape))
             gain = (covariance[:, :, entries] @ inverse.transpose(0, 2, 1)) @ inverse
@@ -163,16 +162,22 @@ def start_deviation(intervals: Intervals, chunks: Chunks) -> np.ndarray:
     for c, (log, first) in enumerate(zip(chunks.log, chunks.first, strict=True)):
         own = intervals.courses[log]
         start[c] = own.states.deviation[own.rows[own.begins[first]]]
-        start[c, entries] = own.noise[: len(entries)]
+        start[c, entries] = own.noise[own.begins[first], : len(entries)]
     return np.maximum(start, 1e-6)
+
+
+def noise_at_ends(intervals: Intervals, chunks: Chunks) -> np.ndarray:
+    """Standard deviation of what is measured of the state at the end of each interval, (chunks, longest, channels)."""
+    channels = len(intervals.channels.state_entries)
+    noise = chunks.stack([own.noise[own.begins + 1, :channels] for own in intervals.courses])
+    return np.where(chunks.valid[:, :, None], noise, 1.0)
 
 
 def filters_of(intervals: Intervals, linearisation: Linearisation, chunks: Chunks) -> list[Filter]:
     """The filter at every level."""
     entries = intervals.channels.state_entries
     transitions, forces = (chunks.stack(list(of)) for of in (linearisation.transitions, linearisation.forces))
-    noise = np.array([intervals.courses[log].noise[: len(entries)] for log in chunks.log])
-    start = start_deviation(intervals, chunks)
+    start, noise = start_deviation(intervals, chunks), noise_at_ends(intervals, chunks)
     return [Filter.of(transitions, forces, noise, start, entries, level, intervals.interval_s) for level in LEVELS]
 
 
@@ -294,9 +299,9 @@ def linearised_along(
     n = 2 * nv
     size = n + nv + len(zeros)
     of_force, of_zeros = np.arange(n, n + nv), np.arange(n + nv, size)
-    displacements = Displacements(force_units(intervals))
+    displacements = Displacements(force_units(intervals), 1.0 if robot.feet else PUSHED)
     width = 1 + 3 * nv
-    noise2 = np.array([intervals.courses[log].noise[: len(entries)] ** 2 for log in chunks.log])
+    noise2 = noise_at_ends(intervals, chunks) ** 2
     stay = np.exp(-intervals.interval_s / CORRELATION_S)
     covariance = np.zeros((len(chunks.log), size, size))
     covariance[:, range(n), range(n)] = start_deviation(intervals, chunks) ** 2
@@ -324,7 +329,7 @@ def linearised_along(
         own[:, range(size), range(size)] += added
         cross = seen @ own
         innovation = cross @ seen.T
-        innovation[:, range(len(entries)), range(len(entries))] += noise2[order]
+        innovation[:, range(len(entries)), range(len(entries))] += noise2[order, k]
         gain = np.linalg.solve(innovation, cross).transpose(0, 2, 1)
         own = own - gain @ cross
         gains[order, k] = gain
