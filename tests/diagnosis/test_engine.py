@@ -47,7 +47,7 @@ def test_whitened_errors_have_the_likelihood_of_the_whole_process() -> None:
     steps, level, dt = 4, 0.6, 0.01
     transition = rng.standard_normal((1, steps, 2, 2)) * 0.3 + np.eye(2)
     force = rng.standard_normal((1, steps, 2, 1))
-    noise, start = np.array([[0.2]]), np.array([[0.5, 0.3]])
+    noise, start = rng.uniform(0.1, 0.4, (1, steps, 1)), np.array([[0.5, 0.3]])
     own = Filter.of(transition, force, noise, start, np.array([0]), level, dt)
     known, measured = rng.standard_normal((1, steps, 2, 1)) * 0.1, rng.standard_normal((1, steps, 1, 1))
     whitened = own.whiten(known, measured)
@@ -67,7 +67,7 @@ def test_whitened_errors_have_the_likelihood_of_the_whole_process() -> None:
         mean = transition[0, k] @ mean + known[0, k, :, 0]
         rows.append(state[0])
         means.append(mean[0])
-    spread = np.array(rows) @ np.array(rows).T + noise[0, 0] ** 2 * np.eye(steps)
+    spread = np.array(rows) @ np.array(rows).T + np.diag(noise[0, :, 0] ** 2)
     expected = multivariate_normal(np.array(means), spread).logpdf(measured[0, :, 0, 0])
     assert found == pytest.approx(expected, rel=1e-6)
 

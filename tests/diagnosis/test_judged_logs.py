@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis import judged_logs
-from leapgap.diagnosis.judged_logs import JudgedLogs, parts_of_long
+from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
 from leapgap.logs import state
 from leapgap.logs.log import Log
@@ -70,16 +70,3 @@ def test_starts_are_as_noisy_as_positions_and_fitted_velocities(acrobot: Robot, 
     # The slope of n rows h apart has the deviation sigma sqrt(12 / n³) / h; 15 or 16 rows are within 30 ms.
     assert middle[2:] == pytest.approx(middle[:2] * np.sqrt(12 / 15.5**3) / 0.002, rel=0.2)
     assert (end[2:] > 3 * middle[2:]).all()
-
-
-def test_of_long_logs_a_part_of_each_is_judged(logs: list[Log]) -> None:
-    """Six logs of 50 s, of which 120 s are judged: 20 s of each, from its beginning to its end in turn."""
-    long = [swing(seed, even(100, 50.0), 0.0, kp=20.0, kd=0.3) for seed in range(2)] * 3
-    parts = parts_of_long(long, 120.0)
-    assert [part.time[-1] for part in parts] == pytest.approx([20.0] * 6, abs=0.05)
-    begins = [float(part.name.split("_from_")[1].removesuffix("_s")) for part in parts]
-    assert begins == pytest.approx(np.linspace(2.5, 27.5, 6), abs=0.05)
-    for part, log, begin in zip(parts, long, begins, strict=True):
-        row = int(np.searchsorted(log.time, begin - 1e-6))
-        assert part["joint_pos/shoulder"][0] == log["joint_pos/shoulder"][row]
-    assert parts_of_long(logs, 120.0) == logs

@@ -32,7 +32,7 @@ from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
-from leapgap.diagnosis.judged_logs import JudgedLogs, parts_of_long
+from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.next_experiment import propose
 from leapgap.diagnosis.other_simulations import judge_other_simulations
@@ -55,6 +55,9 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
+
+RECURRING = 3
+"""Number of forces from outside from which on all may not be alike."""
 
 
 @dataclass(frozen=True)
@@ -205,12 +208,6 @@ def prepare(
     checks = run_checks(given.logs, robot, settings.check_thresholds, logs)
     if any(check.reads is not None for check in checks):
         given = JudgedLogs.of(as_read(logs, checks), robot, settings.sizes)
-    whole_s = sum(log.time[-1] for log in given.logs)
-    parts = parts_of_long([states.log for states in given.whole], settings.judged_s)
-    if any(part is not states.log for part, states in zip(parts, given.whole, strict=True)):
-        given = JudgedLogs.of(parts, robot, settings.sizes)
-        judged_s = sum(log.time[-1] for log in given.logs)
-        progress(f"of {whole_s:.0f} s of logs {judged_s:.0f} s are judged; the setting judged_s changes that")
     replayer = Replayer(robot, max(1, slots), threads, sensors=given.sensors.columns)
     clock = own_clock(given, checks, settings.sizes)
     by_evidence, outside = clock is None and settings.by_evidence(robot, given.logs), OutsideForces()
@@ -252,11 +249,15 @@ def ready_logs(
 def pushes_beside(answer: "FoundAnswer", ready: ReadyLogs, settings: Settings) -> OutsideForces:
     """What acts from outside in single logs on the robot with its answer as well.
 
-    A push is told where nothing without a name acts but in the moments of pushes.
+    A push is told where nothing without a name acts but in the moments of pushes. Several that are all at one joint in
+    one direction are of the robot, which lacks something there, and not of its surroundings.
     """
     found = find_outside_forces(ready.judged, ready.replayer, settings.outside)
     effects = answer.judgement.selected.typical_effects(answer.heldout_gap.names)
     forces = unexplained(found.forces, ready.given, ready.replayer, effects)
+    alike = {(one.at, one.axis, one.impulse > 0) for one in forces}
+    if len(forces) >= RECURRING and len(alike) == 1:
+        return OutsideForces()
     if not forces or not is_explained(without_pushes(answer.moments, forces)):
         return OutsideForces()
     return without_moments(forces, ready.judged, settings.outside)

@@ -19,7 +19,6 @@ from leapgap.diagnosis.scored_sensors import ScoredSensors
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.contacts import has_feet_in_world, sole_heights
-from leapgap.logs.cutting import rows_between
 from leapgap.logs.log import Log
 from leapgap.logs.segments import FLIGHT, TOUCH_DOWN
 from leapgap.logs.state import States
@@ -31,8 +30,6 @@ GAIN_CHANGE_MARGIN_S = 0.010
 """Time left out before a change of gains, which reaches the motors at an unknown instant near its row."""
 SURELY_IN_FLIGHT = 1 / 3
 """After this share of the planned flight no foot can still be at the ground from before."""
-LEAST_PART_S = 10.0
-"""How much of a log is judged at least, where all together are long, s."""
 TOUCHING_M = 0.005
 """Largest height of a sole above the ground that counts as touching."""
 
@@ -183,25 +180,6 @@ class JudgedLogs:
     def whole_trials(self, effects: Sequence[tuple[Effect, ...]] | None = None) -> list[Rollout]:
         """Replays of all rows of each log, with its own effects."""
         return trials_of(self.whole, effects)
-
-
-def parts_of_long(logs: Sequence[Log], most_s: float) -> list[Log]:
-    """Logs that last longer than ``most_s`` together as one part of each, from its beginning to its end in turn.
-
-    A part lasts ``LEAST_PART_S`` or more. Jumps stay whole.
-    """
-    if sum(log.time[-1] for log in logs) <= most_s:
-        return list(logs)
-    lasts_s, found = max(LEAST_PART_S, most_s / len(logs)), []
-    for k, log in enumerate(logs):
-        spare_s = log.time[-1] - lasts_s
-        if spare_s <= 0 or is_of_jump(log):
-            found.append(log)
-            continue
-        begin_s = spare_s * (k + 0.5) / len(logs)
-        begin, end = np.searchsorted(log.time, [begin_s, begin_s + lasts_s])
-        found.append(rows_between(log, int(begin), int(end), f"{log.name}_from_{log.time[begin]:.2f}_s"))
-    return found
 
 
 def trials_of(states: Sequence[States], effects: Sequence[tuple[Effect, ...]] | None) -> list[Rollout]:

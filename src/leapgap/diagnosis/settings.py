@@ -57,8 +57,6 @@ class Settings:
     """Replays are compared with the log at this interval."""
     pieces_per_log: int = 8
     """Number of segments that are replayed of each log, if that is fewer than ``most_pieces`` in all."""
-    judged_s: float = 120.0
-    """Of logs that last longer together one part of each is judged, s; checks are of all samples."""
     most_pieces: int = 48
     """Largest number of segments that are replayed of all logs together."""
     plan: SearchSettings = field(default_factory=SearchSettings)
@@ -111,7 +109,7 @@ class Settings:
         for name, most in (("noise_draws", 10_000), ("bootstrap_draws", 1_000_000)):
             if getattr(self, name) > most:
                 raise wrong_setting(name, getattr(self, name), f"{counts[name]} to {most}")
-        for name in ("horizon_s", "every_s", "where_horizon_s", "judged_s"):
+        for name in ("horizon_s", "every_s", "where_horizon_s"):
             if not 0 < getattr(self, name) < np.inf:
                 raise wrong_setting(name, getattr(self, name), "a time above 0, s")
         if self.every_s > self.horizon_s:

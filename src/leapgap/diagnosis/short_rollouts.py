@@ -95,7 +95,7 @@ class StateChannels:
         return np.maximum(found, [LEAST_NOISE[channel.quantity] for channel in self.channels])
 
     def noise_in_rows(self, logged: Motion, log: Log) -> np.ndarray:
-        """The same in each row, (rows, channels): where rows are uneven, it is not known well when samples are taken."""
+        """The same in each row, (rows, channels): where rows are uneven, samples are off in time."""
         noise = self.noise(logged, log)
         if log.is_even:
             return np.broadcast_to(noise, (len(log), len(noise)))

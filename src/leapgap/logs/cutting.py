@@ -14,8 +14,8 @@ PARTS = 8
 """Number of parts that a single log is cut into."""
 SHORTEST_S = 0.5
 """A log is cut into fewer parts if they would be shorter than this."""
-MOST_ROWS = 60_000
-"""Number of rows of all logs together up to which all are diagnosed: 40 jumps, or a minute at 1 kHz."""
+MOST_ROWS, MOST_S = 60_000, 120.0
+"""Number of rows, and time, of all logs together up to which all are diagnosed: 40 jumps, or a minute at 1 kHz."""
 STRETCH_S = 5.0
 """Length of the stretches of a log that is longer; a shorter log is one stretch."""
 LEAST_STRETCHES = 2
@@ -96,15 +96,16 @@ def stretches_of(log: Log) -> list[Stretch]:
 def choose_stretches(logs: Sequence[Log], most_rows: int | None = None) -> tuple[list[Log], tuple[str, ...]]:
     """The logs, or stretches of them with no more than about ``most_rows`` rows, and a sentence on what is left out.
 
-    By default ``MOST_ROWS``. Long logs are cut into stretches of ``STRETCH_S``; of these and of short logs, in their
-    order, every n-th is taken.
+    By default ``MOST_ROWS``, and no more than about ``MOST_S``. Long logs are cut into stretches of ``STRETCH_S``; of
+    these and of short logs, in their order, every n-th is taken.
     """
     most_rows = MOST_ROWS if most_rows is None else most_rows
-    total = sum(len(log) for log in logs)
-    if total <= most_rows:
+    total, whole_s = sum(len(log) for log in logs), sum(log.time[-1] - log.time[0] for log in logs)
+    share = min(most_rows / total, MOST_S / whole_s)
+    if share >= 1:
         return list(logs), ()
     every = [stretch for log in logs for stretch in stretches_of(log)]
-    number = min(len(every), max(LEAST_STRETCHES, most_rows * len(every) // total))
+    number = min(len(every), max(LEAST_STRETCHES, int(share * len(every))))
     chosen = [every[i * len(every) // number] for i in range(number)]
     return [stretch.cut() for stretch in chosen], (left_out(chosen, every, len(logs), total),)
 

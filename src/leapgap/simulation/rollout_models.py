@@ -22,6 +22,7 @@ from leapgap.robot.rotors import carried_torque, rest_rotors
 from leapgap.robot.terrain import Box
 from leapgap.simulation.known_loads import LOAD, put_loads
 from leapgap.simulation.rollout import Rollout, joint_commands, torques_by_velocity
+from leapgap.simulation.trial_log import without_warnings
 from leapgap.simulation.working_models import WorkingModel, WorkingModels
 
 LARGEST_STEP_S = 0.0011
@@ -121,7 +122,7 @@ class RolloutModels:
                 self.drive(trial).put_into(model, self.robot, kp, kd)
             else:
                 actuators.set_joint_pd(model, self.robot.joint_actuators, kp, kd)
-            with constants_at_end(model, working.data):
+            with without_warnings(), constants_at_end(model, working.data):  # of bodies of nearly no inertia
                 for effect in overriding(trial.effects, "change_model"):
                     effect.change_model(model, self.robot)
                 put_loads(model, log, self.robot)

@@ -32,8 +32,8 @@ T = TypeVar("T")
 WITH_FORCE = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
 DIVERGED = 1e4
 """A replay with a larger state than this has left the world of numbers; it counts as one that stays where it began."""
-SEGMENT = 64
-"""Largest number of intervals of a segment."""
+SEGMENT, LEAST_SEGMENT = 64, 16
+"""Largest number of intervals of a segment, and the smallest of many logs."""
 MOST_S = 12.0
 """About how much is kept of all logs together, s."""
 LONG = 1.25
@@ -129,9 +129,10 @@ class Intervals:
         for own in states:
             every = max(1, own.log.info.rows(interval_s))
             count = (len(own.log) - 1) // every
-            parts = np.array_split(np.arange(count), max(1, -(-count // SEGMENT)))
-            lasts_s = SEGMENT * every * own.log.info.sample_period_s
-            kept = max(1, min(len(parts), round(MOST_S / len(states) / lasts_s)))
+            most = MOST_S / len(states) / (every * own.log.info.sample_period_s)
+            length = int(np.clip(most, LEAST_SEGMENT, SEGMENT))
+            parts = np.array_split(np.arange(count), max(1, -(-count // length)))
+            kept = max(1, min(len(parts), round(most / length)))
             chosen = np.linspace(0, len(parts) - 1, kept).round().astype(int)
             courses.append(Course.of(own, every, [parts[k] for k in chosen], channels))
         return Intervals(channels, replayer, tuple(courses), ((),) * len(states))
@@ -363,8 +364,7 @@ class Models(ExitStack):
         """The model of a trial in a row of its log."""
         (key,) = self.replayer.alike(trial, [row])
         if key not in self.kept:
-            with without_warnings():  # all effects together may ask for a body of nearly no inertia
-                self.kept[key] = self.enter_context(self.replayer.working_model(trial, row)).model
+            self.kept[key] = self.enter_context(self.replayer.working_model(trial, row)).model
         return self.kept[key]
 
 

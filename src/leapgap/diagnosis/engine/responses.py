@@ -21,7 +21,7 @@ POSITION_STEP, VELOCITY_STEP = 2e-4, 1e-2
 MANY_STEPS = 16
 """Number of steps of the simulation in an interval that may be twice as long for derivatives."""
 PUSHED = 30.0
-"""Units of force by which robots without feet are differenced: what a dry friction holds still moves, if pushed more."""
+"""Units of force by which robots without feet are differenced: what dry friction holds still moves if pushed."""
 LEAST_TORQUE = 1e-3
 """Smallest unit of force, N or N·m."""
 SHARE = 0.1
