@@ -70,7 +70,7 @@ demo: $(DEMO_READY)
 
 run: .venv/ready
 	@python -m stages.repro
-	@python -m leapgap.reports.print_results
+	@python -m stages.print_results
 
 # After make run: all models, methods, time grids and robots at the published counts (size=full), hours on two cores. Killed,
 # it goes on where it was. Figures: metrics/learning_full.json, metrics/landing_full.json.

@@ -11,11 +11,11 @@ Examples:
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.reports.bench import ROBOTS, BenchSettings, run_families, write_table
 from leapgap.runtime.atomic_io import read_json
 from leapgap.runtime.cache import ResultCache
 from leapgap.runtime.executor import Executor
 from leapgap.runtime.output_folder import claim_folder
+from stages.bench_cases import ROBOTS, BenchSettings, run_families, write_table
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 from stages.robots import robots

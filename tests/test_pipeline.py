@@ -30,7 +30,7 @@ def test_without_real_logs_everything_runs_and_says_so(simulated_project: Projec
     assert not (simulated_project.folder / "data/reports/published/report.html").exists()
     assert list((simulated_project.folder / "data/views").glob("simulated_*.rrd"))
     assert list((simulated_project.folder / "data/views").glob("reference_*.rrd"))
-    where = simulated_project.run(sys.executable, "-m", "leapgap.reports.print_results")
+    where = simulated_project.run(sys.executable, "-m", "stages.print_results")
     assert "data/reports/damped/report.html" in where
     assert "no published jumps" in where
 

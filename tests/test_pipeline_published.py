@@ -40,7 +40,7 @@ def test_published_jumps_go_from_raw_logs_to_report_and_recording(published: Pro
     assert (published.folder / "data/reports/published/diagnosis.rrd").exists()
     assert list((published.folder / "data/views_published").glob("published_*.rrd"))
     assert read_json(published.folder / "metrics/published/learning.json")["jumps"] == 4
-    assert "data/reports/published/report.html" in published.run(sys.executable, "-m", "leapgap.reports.print_results")
+    assert "data/reports/published/report.html" in published.run(sys.executable, "-m", "stages.print_results")
 
 
 def test_jumps_that_come_later_run_what_depends_on_them_and_nothing_else(published: Project) -> None:

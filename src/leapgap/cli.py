@@ -13,6 +13,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
+import leapgap as lg
 from leapgap.errors import InputError, did_you_mean, printable
 from leapgap.runtime.interrupt import STOPPED
 from leapgap.runtime.output_folder import check_output, merged_folder, system_error, what_is_kept
@@ -29,10 +30,7 @@ EXAMPLES = {
         "leapgap diagnose logs robot.xml --out report",
         "leapgap diagnose logs robot.xml --effects joint_friction,joint_damping --threads 4",
     ),
-    "judge": (
-        "leapgap judge report further_logs",
-        "leapgap judge identified.xml further_logs --nominal robot.xml",
-    ),
+    "judge": ("leapgap judge report further_logs", "leapgap judge identified.xml further_logs --nominal robot.xml"),
     "compare": ("leapgap compare logs_before logs_after robot.xml",),
     "actuator-net": ("leapgap actuator-net logs robot.xml --out networks --report report",),
     "consequence": ("leapgap consequence report --policy policy.onnx --map policy.yaml",),
@@ -267,15 +265,12 @@ class Version(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         """Print the installed version and end the command with exit code 0."""
-        import leapgap
-
-        print(f"leapgap {leapgap.__version__}")
+        print(f"leapgap {lg.__version__}")
         parser.exit()
 
 
 def run_diagnose(chosen: argparse.Namespace) -> None:
     """Diagnose, print the answer, write the report where a folder is named."""
-    from leapgap import api
     from leapgap.reports.diagnosis import SAVED_BY
 
     if chosen.out is not None:
@@ -289,7 +284,7 @@ def run_diagnose(chosen: argparse.Namespace) -> None:
     with told_on_the_way(chosen) as progress:
         robot = load_robot(chosen)
         progress(f"{robot.path.name}: {robot.step_and_integrator}")
-        report = api.diagnose(chosen.logs, robot, settings, effects, progress, chosen.threads, without=without)
+        report = lg.diagnose(chosen.logs, robot, settings, effects, progress, chosen.threads, without=without)
         tell(f"\n{report}" if not chosen.quiet else report)
         if chosen.out is not None:
             progress("step 4 of 4, report")
@@ -315,22 +310,17 @@ def run_consequence(chosen: argparse.Namespace) -> None:
 
 def run_judge(chosen: argparse.Namespace) -> None:
     """Print what further logs say of each change of a corrected model."""
-    from leapgap import api
-
     settings, robot = settings_of(chosen), robot_of(chosen)
     tell_result(
-        chosen,
-        lambda progress: api.judge(chosen.correction, chosen.logs, robot, settings, progress, chosen.threads),
+        chosen, lambda progress: lg.judge(chosen.correction, chosen.logs, robot, settings, progress, chosen.threads)
     )
 
 
 def run_compare(chosen: argparse.Namespace) -> None:
     """Print what changed between two sets of logs."""
-    from leapgap import api
-
     settings, robot = settings_of(chosen), robot_of(chosen)
     tell_result(
-        chosen, lambda progress: api.compare(chosen.before, chosen.after, robot, settings, progress, chosen.threads)
+        chosen, lambda progress: lg.compare(chosen.before, chosen.after, robot, settings, progress, chosen.threads)
     )
 
 
@@ -338,7 +328,6 @@ def run_actuator_net(chosen: argparse.Namespace) -> None:
     """Train a network for each joint group, print its error beside those of the joint PD and of named causes."""
     from importlib.util import find_spec
 
-    from leapgap import api
     from leapgap.runtime.output_folder import whole_folder
     from leapgap.simulation.corrected import read_corrected
 
@@ -354,7 +343,7 @@ def run_actuator_net(chosen: argparse.Namespace) -> None:
     causes = None if chosen.report is None else read_corrected(chosen.report / "corrected")[1]
     robot = robot_of(chosen)
     with told_on_the_way(chosen) as progress:
-        logs = api.read_logs(chosen.logs, robot=robot)
+        logs = lg.read_logs(chosen.logs, robot=robot)
         found = train_networks(logs, robot, causes, chosen.history, chosen.step, progress=progress)
     with whole_folder(chosen.out, NET) as beside:
         found.write(beside)
@@ -398,29 +387,25 @@ def print_written(folder: Path) -> None:
 
 def run_check(chosen: argparse.Namespace) -> None:
     """Print each check on a line."""
-    from leapgap import api
-
-    tell(api.check(chosen.logs, robot_of(chosen)))
+    tell(lg.check(chosen.logs, robot_of(chosen)))
 
 
 def run_replay(chosen: argparse.Namespace) -> None:
     """Replay the logs and write the replays."""
-    from leapgap import api, effects
+    from leapgap import effects
 
     check_output(chosen.out, REPLAY, (chosen.logs, chosen.robot), kept=True)
     added = tuple(effects.from_config([effect_entry(text)])[0] for text in chosen.effect)
-    replays = api.replay(chosen.logs, chosen.robot if chosen.robot.is_dir() else robot_of(chosen), added)
+    replays = lg.replay(chosen.logs, chosen.robot if chosen.robot.is_dir() else robot_of(chosen), added)
     write_all(replays, chosen.out, REPLAY)
     tell(f"{len(replays)} replays: {chosen.out}")
 
 
 def write_all(logs: Sequence[Any], folder: Path, by: str) -> None:
     """Write logs into a folder, beside those that the same command wrote before; one of the same name is replaced."""
-    from leapgap import api
-
     with merged_folder(folder, by) as beside:
         for log in logs:
-            api.write_log(log, beside / f"{log.name}.parquet")
+            lg.write_log(log, beside / f"{log.name}.parquet")
 
 
 def effect_entry(text: str) -> dict[str, Any]:
@@ -442,7 +427,7 @@ def effect_entry(text: str) -> dict[str, Any]:
 
 def run_import(chosen: argparse.Namespace) -> None:
     """Read all logs of the source, then write them; or print a map that would read them."""
-    from leapgap import api
+    from leapgap.api import read_foreign
     from leapgap.logs.importers import log_format
     from leapgap.logs.map_proposal.report import propose_map
     from leapgap.settings import from_mapping
@@ -463,7 +448,7 @@ def run_import(chosen: argparse.Namespace) -> None:
     else:
         name, values = import_options(chosen.options, chosen.format)
     options: Any = None if values is None else from_mapping(log_format(name).Options, values, str(chosen.options))
-    readings = api.read_foreign(chosen.source, name, robot_of(chosen), options)
+    readings = read_foreign(chosen.source, name, robot_of(chosen), options)
     logs = readings.logs
     write_all(logs, chosen.out, IMPORT)
     for line in (*guessed, *readings.lines()):
@@ -545,7 +530,7 @@ def open_page(page: Path) -> None:
 
 def run_demo(chosen: argparse.Namespace) -> None:
     """Simulate a robot with a hidden effect, diagnose its logs, say what it was, open the page."""
-    from leapgap import api, demo
+    from leapgap import demo
     from leapgap.reports.diagnosis import SAVED_BY
 
     logs_folder, report_folder = chosen.out / "logs", chosen.out / "report"
@@ -555,7 +540,7 @@ def run_demo(chosen: argparse.Namespace) -> None:
     write_all(hiding.logs, logs_folder, DEMO)
     tell(f"simulated robot {chosen.number} with a hidden fault: {len(hiding.logs)} logs in {logs_folder}")
     with still_running(tell) as progress:
-        report = api.diagnose(logs_folder, hiding.robot, progress=progress)
+        report = lg.diagnose(logs_folder, hiding.robot, progress=progress)
         tell(f"\n{report}\n\nhidden was {hiding.answer}\n")
         progress("step 4 of 4, report")
         print_written(report.save(report_folder))

@@ -47,12 +47,7 @@ def code_block(language: str, code: str) -> str:
 
 def test_blocks_of_a_page_in_order_with_their_lines() -> None:
     found = [(block.line, block.language, block.not_run) for block in blocks("page.md", PAGE)]
-    assert found == [
-        (3, "python", None),
-        (13, "shell", None),
-        (19, "python", None),
-        (25, "shell", "needs network"),
-    ]
+    assert found == [(3, "python", None), (13, "shell", None), (19, "python", None), (25, "shell", "needs network")]
 
 
 def test_blocks_share_names_and_folder_and_the_marked_one_stays_out(tmp_path: Path) -> None:

@@ -24,9 +24,7 @@ ISAAC_BASE = {
     *("class_type", "joint_names_expr", "effort_limit", "velocity_limit", "effort_limit_sim", "velocity_limit_sim"),
     *("stiffness", "damping", "armature", "friction", "dynamic_friction", "viscous_friction"),
 }
-ISAAC_TERM = {
-    *("func", "mode", "params", "interval_range_s", "is_global_time", "min_step_count_between_reset"),
-}
+ISAAC_TERM = {*("func", "mode", "params", "interval_range_s", "is_global_time", "min_step_count_between_reset")}
 ISAAC_MASS = {"env", "env_ids", "asset_cfg", "mass_distribution_params", "operation", "distribution"}
 
 

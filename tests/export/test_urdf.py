@@ -93,15 +93,18 @@ def test_the_tree_of_a_floating_robot_has_the_corrected_dynamics(tmp_path: Path,
     check(written(tmp_path, robot, correction), robot, correction)
 
 
-def test_a_urdf_keeps_all_but_its_numbers(tmp_path: Path) -> None:
+@pytest.mark.parametrize("namespace", ["", ' xmlns="http://www.ros.org"'])
+def test_a_urdf_keeps_all_but_its_numbers(tmp_path: Path, namespace: str) -> None:
     """Links that fixed joints hold are one body in MuJoCo: the link that moves gets the inertia of all."""
-    (tmp_path / "meshes").mkdir()
-    (tmp_path / "meshes" / "horn.stl").write_bytes(b"no mesh that MuJoCo reads")
+    for folder in ("meshes", "more"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "horn.dae").write_text(f"no mesh that MuJoCo reads, in {folder}")
     source = tmp_path / "arm.urdf"
-    source.write_text("""<robot name="arm"><link name="base"/>
+    source.write_text(f"""<robot name="arm"{namespace}><link name="base"/>
       <link name="link"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
         <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
-        <visual><geometry><mesh filename="meshes/horn.dae"/></geometry></visual></link>
+        <visual><geometry><mesh filename="meshes/horn.dae"/></geometry></visual>
+        <visual><geometry><mesh filename="more/horn.dae"/></geometry></visual></link>
       <link name="tool"><inertial><mass value="0.2"/>
         <inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
       <joint name="hinge" type="revolute"><parent link="base"/><child link="link"/><axis xyz="0 1 0"/>
@@ -118,7 +121,24 @@ def test_a_urdf_keeps_all_but_its_numbers(tmp_path: Path) -> None:
     check(path, robot, correction)
     text = path.read_text()
     assert 'effort="4"' in text and 'velocity="9"' in text
-    assert "<mu1>0.4</mu1>" in text and "safety_controller" in text and "meshes/horn.dae" in text
+    assert "<mu1>0.4</mu1>" in text and "safety_controller" in text
+    assert text.index('"meshes/horn.dae"') < text.index('"meshes/horn_1.dae"')
+    assert (path.parent / "meshes" / "horn_1.dae").read_text().endswith("more")
+
+
+def test_a_planar_joint_keeps_its_own_numbers(tmp_path: Path) -> None:
+    """MuJoCo makes three joints of it, of which a URDF has no damping each."""
+    inertia = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    links = "".join(f'<link name="{name}"><inertial>{inertia}</inertial></link>' for name in "abc")
+    joints = "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="{above}"/><child link="{below}"/></joint>'
+        for name, kind, above, below in (("slip", "planar", "a", "b"), ("turn", "continuous", "b", "c"))
+    )
+    (tmp_path / "r.urdf").write_text(f'<robot name="r">{links}{joints}</robot>')
+    text = written(
+        tmp_path, Robot.load(tmp_path / "r.urdf"), (effects.effect("joint_damping", damping=0.3),)
+    ).read_text()
+    assert text.count("<dynamics") == text.count('damping="0.3"') == 1
 
 
 def test_the_meshes_of_a_urdf_lie_beside_the_new_one(tmp_path: Path) -> None:

@@ -60,23 +60,13 @@ REFERENCES = "references={inputs}/references"
 CALLS = (
     StageCall("collect", (*TINY, "collect.jumps=8", f"collect.{REFERENCES}", "collect.out={out}")),
     StageCall("land", (*TINY, *LAND, f"land.{REFERENCES}", "land.out={out}")),
-    StageCall(
-        "practise",
-        (*TINY, "land.methods=[learned_variable]", f"land.{REFERENCES}", "practise.out={out}"),
-    ),
-    StageCall(
-        "train",
-        (*TRAIN, "train.windows={inputs}/windows", "train.out={out}"),
-    ),
-    StageCall(
-        "withhold",
-        (*TINY, *WITHHOLD, "withhold.logs={out}/logs", "withhold.truth={out}/truth"),
-    ),
+    StageCall("practise", (*TINY, "land.methods=[learned_variable]", f"land.{REFERENCES}", "practise.out={out}")),
+    StageCall("train", (*TRAIN, "train.windows={inputs}/windows", "train.out={out}")),
+    StageCall("withhold", (*TINY, *WITHHOLD, "withhold.logs={out}/logs", "withhold.truth={out}/truth")),
     StageCall("diagnose_withheld", (*TINY, *ALONE, MISSED_LOGS, "diagnose_withheld.out={out}")),
     StageCall("revisit", (*TINY, *ALONE, *REVISIT, "revisit.out={out}")),
     StageCall(
-        "export",
-        (*TINY, "export.landings=null", "export.target=[0.45,0.0]", f"land.{REFERENCES}", "export.out={out}"),
+        "export", (*TINY, "export.landings=null", "export.target=[0.45,0.0]", f"land.{REFERENCES}", "export.out={out}")
     ),
 )
 MISSED = (

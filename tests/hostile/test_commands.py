@@ -210,10 +210,7 @@ def test_logs_in_which_nothing_moves_are_refused(arm: Path, tmp_path: Path, caps
         ("1 / 0", "code that fails while it is imported (ZeroDivisionError: division by zero)"),
         ("raise SyntaxError('bad')", "code that fails while it is imported (SyntaxError: bad)"),
         ("class Theirs(Base): pass", "found no find, read; expected all of LogFormat"),
-        (
-            "class Theirs(Base):\n    find = read = None",
-            "found no name; expected a text as name of the class",
-        ),
+        ("class Theirs(Base):\n    find = read = None", "found no name; expected a text as name of the class"),
     ],
 )
 def test_a_plug_in_that_fails_is_named(code: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from leapgap import api
 from leapgap.diagnosis.settings import Settings
-from leapgap.logs import stretches
+from leapgap.logs import cutting
 from leapgap.logs.log import Log, read_log
 from leapgap.logs.reading import Readings, read_folder
 from leapgap.reports import diagnosis as reports
@@ -25,7 +25,7 @@ from tests.code import ROOT
 def test_the_report_says_which_logs_were_diagnosed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of four logs of 2000 rows, three where 6000 rows are allowed; the effect is found all the same."""
     subprocess.run([sys.executable, str(ROOT / "docs/examples/arm_logs.py"), str(tmp_path)], check=True)
-    monkeypatch.setattr(stretches, "MOST_ROWS", 6000)
+    monkeypatch.setattr(cutting, "MOST_ROWS", 6000)
     settings = Settings(effects=["joint_damping"], folds=2, pieces_per_log=4, bootstrap_draws=50)
     said: list[str] = []
     report = diagnose_folder(tmp_path / "logs", Robot.load(tmp_path / "robot.xml"), settings, said.append)
@@ -44,7 +44,7 @@ def test_the_report_says_which_logs_were_diagnosed(tmp_path: Path, monkeypatch: 
 def test_logs_that_are_not_diagnosed_leave_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Five hundred jumps are more than a gigabyte; a diagnosis takes forty of them."""
     folder, model = plain_arm.write_parquet(tmp_path / "logs", logs=4), plain_arm.write_model(tmp_path)
-    monkeypatch.setattr(stretches, "MOST_ROWS", 4000)
+    monkeypatch.setattr(cutting, "MOST_ROWS", 4000)
     read: dict[str, weakref.ref[Log]] = {}
     alive: list[str] = []
 

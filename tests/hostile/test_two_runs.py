@@ -116,6 +116,22 @@ def test_a_stage_holds_a_folder_that_it_adds_to(tmp_path: Path) -> None:
     assert_refused(refused, f"{out}: found another run that writes here: process {os.getpid()}")
 
 
+@pytest.mark.parametrize("is_windows", [False, True])
+def test_a_folder_is_free_when_the_last_block_that_holds_it_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_windows: bool
+) -> None:
+    """Whichever began first: a thread may outlast the one that took the folder."""
+    if is_windows:
+        monkeypatch.setattr("leapgap.runtime.output_folder.fcntl", None)
+    first, second = folder_lock(tmp_path / "out"), folder_lock(tmp_path / "out")
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    assert (tmp_path / ".out.lock").exists()
+    second.__exit__(None, None, None)
+    assert not list(tmp_path.iterdir())
+
+
 def test_files_of_two_threads_at_one_place_are_whole(tmp_path: Path) -> None:
     texts = ["a" * 200_000, "b" * 200_000]
     threads = [

@@ -209,10 +209,7 @@ def test_nan_weights_are_not_loaded(value: float, cut_windows: Windows, tmp_path
         store.load(tmp_path, "kernel")
 
 
-def test_a_model_whose_arrays_do_not_fit_together_is_not_loaded(
-    cut_windows: Windows,
-    tmp_path: Path,
-) -> None:
+def test_a_model_whose_arrays_do_not_fit_together_is_not_loaded(cut_windows: Windows, tmp_path: Path) -> None:
     store.save(kernel(cut_windows), tmp_path, "kernel")
     with np.load(tmp_path / "kernel.npz") as archive:
         arrays = {name: archive[name] for name in archive.files}
@@ -224,11 +221,7 @@ def test_a_model_whose_arrays_do_not_fit_together_is_not_loaded(
 
 @pytest.mark.long
 @pytest.mark.parametrize("processes", [1, 2])
-def test_a_training_that_diverges_is_a_message(
-    processes: int,
-    cut_windows: Windows,
-    tmp_path: Path,
-) -> None:
+def test_a_training_that_diverges_is_a_message(processes: int, cut_windows: Windows, tmp_path: Path) -> None:
     """From worker processes, too; what was fitted before stays, and no half model is left."""
     wild = NetworksConfig(hidden=[8], seeds=1, fitting=Fitting(steps=40, learning_rate=1e6, clip_norm=0.0))
     departed = config(models=["nominal", "networks"], processes=processes, model_settings={"networks": wild})

@@ -217,6 +217,16 @@ def test_the_order_of_a_quaternion_is_told_by_the_gyro(tmp_path: Path) -> None:
     assert "imu_acc, base_linvel, base_pos of the base: left out, as not measured" in text
 
 
+def test_columns_without_any_number_are_named_and_left_out(tmp_path: Path) -> None:
+    box, truth = rolling_box(tmp_path)
+    columns = {name: truth[name] for name in ("t", "q_hip")}
+    columns |= {f"imu_quaternion[{i}]": np.full(800, np.nan) for i in range(4)}
+    np.savez(tmp_path / "a.npz", **columns)
+    text = propose_map(tmp_path / "a.npz", box).text(box)
+    assert "no number in any sample: imu_quaternion[0] to imu_quaternion[3]" in text
+    assert "base_quat_w" not in text
+
+
 def test_a_base_may_be_named_by_letters_and_its_gyro_be_in_degrees(tmp_path: Path) -> None:
     box, truth = rolling_box(tmp_path, gyro_unit=DEGREE)
     columns = {name: truth[name] for name in ("t", "q_hip")}

@@ -33,7 +33,7 @@ def test_an_impact_is_no_noise() -> None:
 
 
 def test_ticks_are_seen_through_decimals() -> None:
-    """A slow sine in ticks of 4096 a turn, written with seven decimals: most differences are none."""
+    """A slow sine in ticks of 4096 a turn, written with seven decimals: most differences are 0, and none is exact."""
     tick, time = 2 * np.pi / 4096, np.arange(0, 8, 0.01)
     logged = np.round(np.round(0.035 * np.sin(2.2 * time) / tick) * tick, 7)
     (found,) = noise_of(np.diff(logged)[:, None], 0.01)

@@ -60,8 +60,7 @@ def acrobot_columns() -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("source", "commanded"),
-    [("acrobot", 42), ("acrobot_uncompensated", 42 - 52), ("acrobot_pushed", 42 + 72)],
+    ("source", "commanded"), [("acrobot", 42), ("acrobot_uncompensated", 42 - 52), ("acrobot_pushed", 42 + 72)]
 )
 def test_acrobot(tmp_path: Path, source: str, commanded: float) -> None:
     """By the stage, as a user calls it with ``import_logs=<source>``."""

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from leapgap.logs.cutting import MOST_ROWS, choose_stretches
 from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.segments import Segment
-from leapgap.logs.stretches import MOST_ROWS, choose_stretches
 
 
 def log(name: str, seconds: float, period_s: float = 0.001, segments: tuple[Segment, ...] = ()) -> Log:

@@ -45,6 +45,96 @@ def moved(rate_hz: float = 100.0, share: float = 0.5) -> dict[str, np.ndarray]:
     return columns
 
 
+def as_text(columns: dict[str, np.ndarray], delimiter: str, point: str, before: str = "", header: bool = True) -> str:
+    """A table as spreadsheets and NumPy write it."""
+    rows = [
+        delimiter.join(f"{value:.6f}".replace(".", point) for value in row)
+        for row in zip(*columns.values(), strict=True)
+    ]
+    return "\n".join([before + delimiter.join(columns)] * header + rows)
+
+
+@pytest.mark.parametrize(
+    ("text", "options"),
+    [
+        (as_text(moved(), ",", "."), {}),
+        (as_text(moved(), ";", ","), {"delimiter": ";", "decimal_point": ","}),
+        (as_text(moved(), "\t", ","), {"delimiter": "\t", "decimal_point": ","}),
+        (as_text(moved(), ",", ".", "# recorded today, by hand\n"), {"skip_rows": 1}),
+        (
+            as_text(moved(), ";", ",", "% recorded; today\n%\n"),
+            {"skip_rows": 2, "delimiter": ";", "decimal_point": ","},
+        ),
+        (as_text(moved(), " ", ".", "# "), {"delimiter": " "}),
+        (as_text(moved(), ",", ".", "# "), {}),
+    ],
+)
+def test_tables_of_spreadsheets_and_numpy_are_read_as_they_are_written(
+    arm: Robot, tmp_path: Path, text: str, options: dict
+) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    found = propose_map(tmp_path / "a.csv", arm)
+    assert found.proposal.notes_of(MISSING) == []
+    written = {
+        key: found.options[key] for key in ("skip_rows", "delimiter", "decimal_point", "header") if key in found.options
+    }
+    assert written == options
+
+
+@pytest.mark.parametrize(("whole", "rest"), [("sec", "nsec"), ("header.stamp.sec", "header.stamp.nanosec")])
+def test_seconds_and_nanoseconds_in_two_columns_are_one_clock(
+    arm: Robot, tmp_path: Path, whole: str, rest: str
+) -> None:
+    columns = moved()
+    stamp = 1_700_000_000_700_000_000 + np.round(1e9 * columns.pop("t")).astype(np.int64)
+    np.savez(tmp_path / "a.npz", **{whole: stamp // 10**9, rest: stamp % 10**9}, **columns)
+    found = propose_map(tmp_path / "a.npz", arm)
+    assert found.options["columns"]["time"] == {whole: 1, rest: 1e-9}
+    assert any(
+        one.startswith(f"time is {whole} and {rest} in s: steps of 10 ms") for one in found.proposal.notes_of(SURE)
+    )
+    assert not any(whole in one for one in found.proposal.notes_of("unused"))
+    assert main(["import", str(tmp_path / "a.npz"), str(tmp_path / "arm.xml"), "--out", str(tmp_path / "logs")]) == 0
+    assert read_logs(tmp_path / "logs")[0].time == pytest.approx(moved()["t"], abs=1e-9)
+
+
+def test_arrays_in_json_go_by_the_names_beside_them(arm: Robot, tmp_path: Path) -> None:
+    """As messages of joint states do, whose order is not the one of the model."""
+    columns, order = moved(), ["rolling", "panning", "flexing", "lifting"]
+    lines = [
+        {
+            "stamp": columns["t"][row],
+            "state": {"name": order}
+            | {
+                kind: [columns[f"{head}_{joint}"][row] for joint in order]
+                for kind, head in (("position", "q"), ("velocity", "dq"), ("target", "q_des"))
+            },
+        }
+        for row in range(len(columns["t"]))
+    ]
+    (tmp_path / "a.jsonl").write_text("\n".join(map(json.dumps, lines)))
+    assert propose_map(tmp_path / "a.jsonl", arm).options["columns"]["joint_pos/*"] == "state.position[*]"
+    assert main(["import", str(tmp_path / "a.jsonl"), str(tmp_path / "arm.xml"), "--out", str(tmp_path / "logs")]) == 0
+    (log,) = read_logs(tmp_path / "logs")
+    for joint in ARM:
+        assert log[f"joint_pos/{joint}"] == pytest.approx(columns[f"q_{joint}"])
+
+
+def test_one_number_for_all_steps_is_the_period(arm: Robot, tmp_path: Path) -> None:
+    columns = {name: values for name, values in moved().items() if name != "t"}
+    np.savez(tmp_path / "a.npz", sim_dt=0.01, **columns)
+    found = propose_map(tmp_path / "a.npz", arm)
+    assert found.options["period_s"] == 0.01 and found.proposal.notes_of(MISSING) == []
+    assert "the spacing of the samples is sim_dt" in found.proposal.notes_of(GUESSED)
+
+
+def test_numbers_with_decimal_commas_and_no_names_are_told_from_names(arm: Robot, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(as_text(moved(), ";", ",", header=False))
+    found = propose_map(tmp_path / "a.csv", arm)
+    assert found.options["header"] is False and found.options["decimal_point"] == ","
+    assert "names of the columns: a.csv has no header" in " ".join(found.proposal.notes_of(MISSING))
+
+
 def test_limits_of_a_pendulum_that_turns_over_prove_no_degrees(pendulum: Robot, tmp_path: Path) -> None:
     time = 0.01 * np.arange(600)
     columns = {"t": time, "q": 7 * np.sin(1.5 * time), "dq": 10.5 * np.cos(1.5 * time), "u": np.cos(time)}

@@ -24,9 +24,7 @@ class Shot:
     dark: bool = False
 
 
-SHOTS = {
-    "index": Shot("index.html", (1200, 1100)),
-}
+SHOTS = {"index": Shot("index.html", (1200, 1100))}
 COLOURS = 128
 """Of a picture: enough for text and lines, and a third of the size."""
 

@@ -171,11 +171,9 @@ def test_only_the_place_that_was_selected_is_blue() -> None:
     assert CORRECTED not in closures(nothing).data[0].marker.color  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("module", ["report", "page"])
+@pytest.mark.parametrize("module", ["api", "cli", "reports.diagnosis"])
 def test_pages_import_plotly_and_jinja_only_when_one_is_written(module: str) -> None:
-    code = (
-        f"import sys, leapgap.reports.{module}; print([m for m in ('plotly', 'jinja2', 'rerun') if m in sys.modules])"
-    )
+    code = f"import sys, leapgap.{module}; print([m for m in ('plotly', 'jinja2', 'rerun') if m in sys.modules])"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
 

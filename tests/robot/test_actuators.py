@@ -136,10 +136,7 @@ def test_a_passive_joint_swings_and_is_logged_without_commands(tmp_path: Path) -
 def test_effects_of_motors_are_not_looked_for_at_a_passive_joint(tmp_path: Path) -> None:
     robot = Robot.load(arm(tmp_path, "<motor joint='elbow'/>"))
     found = {(h.name, h.location) for h in list_hypotheses(["torque_gain", "joint_friction"], robot, None)}
-    assert found == {
-        ("torque_gain", "all"),
-        *(("joint_friction", place) for place in ("all", "shoulder", "elbow")),
-    }
+    assert found == {("torque_gain", "all"), *(("joint_friction", place) for place in ("all", "shoulder", "elbow"))}
 
 
 def test_commands_of_a_passive_joint_are_refused(tmp_path: Path) -> None:

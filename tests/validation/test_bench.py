@@ -7,10 +7,10 @@ import pytest
 from omegaconf import OmegaConf
 
 from leapgap.diagnosis.settings import Settings
-from leapgap.reports import bench
 from leapgap.reports.verdict_jobs import Job
-from leapgap.validation.bench_table import NO_ANSWER, markdown, row_of, row_without_answer, summary
 from leapgap.validation.outcome import outcome, truth_in_words
+from stages import bench_cases as bench
+from stages.bench_table import NO_ANSWER, markdown, row_of, row_without_answer, summary
 from stages.common import CONF
 from stages.compose import compose_conf
 from tests.validation.test_scoring import report, truth

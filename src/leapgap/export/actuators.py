@@ -1,9 +1,13 @@
 """Settings of the actuators as simulators with joint PDs of their own take them, by joint."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from math import isfinite
+from pathlib import Path
+from typing import ClassVar
 
-from leapgap.export.base import CorrectedRobot, exactly, literal
+from leapgap.export.base import CorrectedRobot, Export, exactly, literal
+from leapgap.runtime.atomic_io import write_text
 
 
 @dataclass(frozen=True)
@@ -69,3 +73,19 @@ def steps(delay_s, physics_dt):
     return round(low / physics_dt), round(high / physics_dt)
 '''
 """Source of a function that the files share."""
+
+
+class PythonExport(Export):
+    """A file of Python with the settings of the actuators."""
+
+    source: ClassVar[str]
+    """Its text, with the settings by name in braces."""
+
+    @abstractmethod
+    def further(self, corrected: CorrectedRobot) -> dict[str, str]:
+        """What else is in the text, by name."""
+
+    def write(self, folder: Path, corrected: CorrectedRobot) -> None:
+        """Write the Python file."""
+        values = ActuatorSettings.of(corrected).source() | self.further(corrected)
+        write_text(folder / self.name, self.source.format(steps=STEPS, **values))

@@ -34,8 +34,7 @@ class Range:
 
     def rounded(self) -> dict[str, Any]:
         """As a mapping with six significant digits."""
-        numbers = {key: float(f"{getattr(self, key):.6g}") for key in ("value", "low", "high")}
-        return {**numbers, "unit": self.unit}
+        return {key: shorter(getattr(self, key)) for key in ("value", "low", "high")} | {"unit": self.unit}
 
 
 @dataclass(frozen=True)
@@ -186,6 +185,11 @@ class Export(ABC):
         """Write the file into a folder."""
 
 
+def shorter(value: float) -> float:
+    """A number with six significant digits."""
+    return float(f"{value:.6g}")
+
+
 def exactly(name: str) -> str:
     """The regular expression of one name, for simulators that take expressions."""
     return re.escape(name)
@@ -199,7 +203,7 @@ def literal(value: Any) -> str:
             return {key: short(one) for key, one in of.items()}
         if isinstance(of, list | tuple):
             return type(of)(short(one) for one in of)
-        return float(f"{of:.6g}") if isinstance(of, float) else of
+        return shorter(of) if isinstance(of, float) else of
 
     if isinstance(value, Mapping) and value:
         inner = "".join(f"    {key!r}: {short(one)!r},\n" for key, one in value.items())

@@ -1,10 +1,7 @@
 """Actuators and randomisation for Isaac Lab."""
 
-from pathlib import Path
-
-from leapgap.export.actuators import STEPS, ActuatorSettings
-from leapgap.export.base import CorrectedRobot, Export, exactly, literal
-from leapgap.runtime.atomic_io import write_text
+from leapgap.export.actuators import PythonExport
+from leapgap.export.base import CorrectedRobot, exactly, literal
 
 SOURCE = '''\
 """A corrected robot for Isaac Lab 2.3 (Isaac Sim 5, where joint friction is a torque).
@@ -112,24 +109,17 @@ EVENTS = _events()
 '''
 
 
-class IsaacLab(Export):
+class IsaacLab(PythonExport):
     """Actuators and events for Isaac Lab, as Python."""
 
     name = "for_isaac_lab.py"
     says = "actuators (`DelayedPDActuatorCfg`) and events for Isaac Lab 2.3"
+    source = SOURCE
 
-    def write(self, folder: Path, corrected: CorrectedRobot) -> None:
-        """Write the Python file."""
-        settings = ActuatorSettings.of(corrected)
-        write_text(
-            folder / self.name,
-            SOURCE.format(
-                **settings.source(),
-                ranges=literal(body_ranges(corrected)),
-                varies=literal([key for key in ("damping", "friction", "armature") if key in corrected.joint_ranges]),
-                steps=STEPS,
-            ),
-        )
+    def further(self, corrected: CorrectedRobot) -> dict[str, str]:
+        """Ranges of bodies, and which numbers of joints vary."""
+        varies = [key for key in ("damping", "friction", "armature") if key in corrected.joint_ranges]
+        return {"ranges": literal(body_ranges(corrected)), "varies": literal(varies)}
 
 
 def body_ranges(corrected: CorrectedRobot) -> dict[str, dict[str, object]]:

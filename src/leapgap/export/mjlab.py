@@ -1,10 +1,7 @@
 """Actuators and randomisation for mjlab."""
 
-from pathlib import Path
-
-from leapgap.export.actuators import STEPS, ActuatorSettings
-from leapgap.export.base import CorrectedRobot, Export, exactly, literal
-from leapgap.runtime.atomic_io import write_text
+from leapgap.export.actuators import ActuatorSettings, PythonExport
+from leapgap.export.base import CorrectedRobot, exactly, literal
 
 SOURCE = '''\
 """A corrected robot for mjlab 1.6: put `actuators(dt)` into `EntityArticulationInfoCfg` and `EVENTS` among the events.
@@ -84,28 +81,21 @@ EVENTS = _events()
 '''
 
 
-class Mjlab(Export):
+class Mjlab(PythonExport):
     """Actuators and events for mjlab, as Python."""
 
     name = "for_mjlab.py"
     says = "actuators with delay, friction and armature, and events, for mjlab 1.6"
+    source = SOURCE
 
     def lacks(self, corrected: CorrectedRobot) -> str | None:
         """The gains of the joint PD, where no log has them."""
         return ActuatorSettings.of(corrected).missing
 
-    def write(self, folder: Path, corrected: CorrectedRobot) -> None:
-        """Write the Python file."""
-        settings = ActuatorSettings.of(corrected)
+    def further(self, corrected: CorrectedRobot) -> dict[str, str]:
+        """Ranges of joints, bodies and feet."""
         ranges = corrected.joint_ranges | corrected.body_ranges
         if corrected.foot_ranges:
             ranges["foot_friction"] = corrected.foot_ranges
         plain = {key: {exactly(name): (one.low, one.high) for name, one in of.items()} for key, of in ranges.items()}
-        write_text(
-            folder / self.name,
-            SOURCE.format(
-                **settings.source(),
-                ranges=literal(plain),
-                steps=STEPS,
-            ),
-        )
+        return {"ranges": literal(plain)}

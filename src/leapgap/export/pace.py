@@ -1,10 +1,7 @@
 """Actuators for PACE, by the keys of its configuration and the order of its parameters."""
 
-from pathlib import Path
-
-from leapgap.export.actuators import ActuatorSettings
-from leapgap.export.base import CorrectedRobot, Export, exactly, literal
-from leapgap.runtime.atomic_io import write_text
+from leapgap.export.actuators import ActuatorSettings, PythonExport
+from leapgap.export.base import CorrectedRobot, exactly, literal
 
 SOURCE = '''\
 """A corrected robot for PACE 0.2 (`pace_sim2real`, on Isaac Lab 2.3).
@@ -60,11 +57,12 @@ NAMES = {names}
 '''
 
 
-class Pace(Export):
+class Pace(PythonExport):
     """Actuator and vector of parameters for PACE, as Python."""
 
     name = "for_pace.py"
     says = "the actuator (`PaceDCMotorCfg`) and the vector of parameters of PACE 0.2"
+    source = SOURCE
 
     def lacks(self, corrected: CorrectedRobot) -> str | None:
         """The gains of the joint PD, or limits of the motors."""
@@ -73,13 +71,6 @@ class Pace(Export):
             return "the model states no limits of its torques, which PACE asks for"
         return settings.missing
 
-    def write(self, folder: Path, corrected: CorrectedRobot) -> None:
-        """Write the Python file."""
-        settings = ActuatorSettings.of(corrected)
-        write_text(
-            folder / self.name,
-            SOURCE.format(
-                **settings.source(),
-                names=literal({joint: exactly(joint) for joint in settings.armature}),
-            ),
-        )
+    def further(self, corrected: CorrectedRobot) -> dict[str, str]:
+        """The names of the joints, and as they stand in expressions."""
+        return {"names": literal({joint: exactly(joint) for joint in corrected.robot.driven_joints})}

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from leapgap.export.base import DRAWN, CorrectedRobot, Export
+from leapgap.export.base import DRAWN, CorrectedRobot, Export, shorter
 from leapgap.runtime.atomic_io import whole_file, write_text
 
 SAMPLES = "posterior.npz"
@@ -65,8 +65,3 @@ class Samples(Export):
         }
         with whole_file(folder / self.name) as path, path.open("wb") as file:
             np.savez_compressed(file, **(names | {"numbers": corrected.drawn} | corrected.arrays))  # type: ignore[arg-type]
-
-
-def shorter(value: float) -> float:
-    """A number with six significant digits."""
-    return float(f"{value:.6g}")

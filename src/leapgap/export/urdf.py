@@ -1,6 +1,5 @@
 """The corrected robot as a URDF: a URDF of the user's with other numbers, or the tree of an MJCF without its shapes."""
 
-import shutil
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -8,9 +7,10 @@ import mujoco
 import numpy as np
 
 from leapgap.export.base import CorrectedRobot, Export, Numbers
+from leapgap.robot.mjcf import copy_asset
 from leapgap.robot.model import Robot
 from leapgap.robot.rotations import matrix_of
-from leapgap.robot.urdf import is_urdf
+from leapgap.robot.urdf import is_urdf, parsed
 from leapgap.runtime.atomic_io import write_text
 
 FILE, MESHES = "robot.urdf", "meshes"
@@ -36,7 +36,7 @@ class Urdf(Export):
         robot, numbers = corrected.robot, corrected.corrected
         text = robot.path.read_text(encoding="utf-8", errors="replace")
         if is_urdf(text):
-            root = ElementTree.fromstring(text)
+            root = parsed(text)
             change_links(root, corrected)
             copy_meshes(root, robot.path.resolve().parent, folder / self.name)
         else:
@@ -50,10 +50,11 @@ def change_joints(root: ElementTree.Element, robot: Robot, numbers: Numbers) -> 
     """Put damping, friction and scaled limits of effort into the joints of a URDF."""
     joints = {joint.get("name"): joint for joint in root.iterfind("joint")}
     for i, name in enumerate(robot.joints):
+        if (joint := joints.get(name)) is None:
+            continue  # one of the three that MuJoCo makes of a planar joint, which has one damping for all
         of = {key: float(numbers.joints[key][i]) for key in ("damping", "friction", "torque_limit", "torque_gain")}
-        dynamics = child(joints[name], "dynamics")
-        dynamics.attrib |= {key: number(of[key]) for key in ("damping", "friction")}
-        limit = joints[name].find("limit")
+        child(joint, "dynamics").attrib |= {key: number(of[key]) for key in ("damping", "friction")}
+        limit = joint.find("limit")
         if limit is not None and of["torque_gain"] != 1 and np.isfinite(of["torque_limit"]):
             limit.set("effort", number(of["torque_limit"]))
 
@@ -91,11 +92,7 @@ def copy_meshes(root: ElementTree.Element, source: Path, folder: Path) -> None:
         path = source / name
         if "://" in name or not path.is_file():
             continue
-        target = folder / MESHES / Path(name).name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if not target.exists() or target.read_bytes() == path.read_bytes():
-            shutil.copyfile(path, target)
-            mesh.set("filename", f"{MESHES}/{target.name}")
+        mesh.set("filename", f"{MESHES}/{copy_asset(path, folder / MESHES)}")
 
 
 def tree_of(corrected: CorrectedRobot) -> ElementTree.Element:

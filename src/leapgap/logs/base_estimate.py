@@ -12,6 +12,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.logs.derivatives import velocity_fit
 from leapgap.logs.log import Log
+from leapgap.logs.segments import runs_of
 from leapgap.logs.stance import measured_stance, stance_by_height
 from leapgap.robot.kinematics import soles
 from leapgap.robot.leg_load import feet_load, sinking_depths
@@ -146,9 +147,8 @@ def through_flights(
     def sideways(at: int, rows: np.ndarray) -> np.ndarray:
         return velocity[at, :2] + (time[rows] - time[at])[:, None] * gravity[:2]
 
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], planted, [True]]).astype(int)))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        rows, before, after = np.arange(begin, end), begin - 1, end
+    for flight in runs_of(~planted):
+        rows, before, after = np.arange(flight.start, flight.stop), flight.start - 1, flight.stop
         if before < 0 and after >= len(time):
             continue
         if before < 0 or after >= len(time):

@@ -44,30 +44,3 @@ def held_at(instants: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.nd
 def interpolated_at(instants: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Measured values (rows,) between the rows beside each instant, on a straight line."""
     return np.interp(instants, time, values)
-
-
-EVEN = 1e-3
-"""Largest departure of a row's length from the sample period, as a share of it, that counts as none."""
-
-
-def is_even(time: np.ndarray, period_s: float) -> bool:
-    """Whether every row lasts one sample period."""
-    return bool(np.abs(np.diff(time) - period_s).max() <= EVEN * period_s)
-
-
-TICKS_S = (0.001, 0.0005, 0.00025)
-"""Steps of other people's simulations that rows of uneven length may be whole multiples of, s, longest first."""
-
-
-def whole_tick(time: np.ndarray) -> float | None:
-    """The longest of some usual steps of which every row of uneven length lasts a whole number, s; None: of none."""
-    lengths = np.diff(time)
-    whole = (tick for tick in TICKS_S if (np.abs(lengths / tick - np.round(lengths / tick)) < 1e-6).all())
-    return next(whole, None)
-
-
-def row_lengths(time: np.ndarray, period_s: float) -> np.ndarray:
-    """How long each row lasted by the log's own time, in sample periods, (rows,); the last one as a mean row."""
-    if is_even(time, period_s):
-        return np.ones(len(time))
-    return np.append(np.diff(time) / period_s, 1.0)

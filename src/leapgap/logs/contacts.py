@@ -3,7 +3,7 @@
 import numpy as np
 
 from leapgap.logs.log import Log
-from leapgap.logs.segments import FLIGHT, segment_of_rows
+from leapgap.logs.segments import FLIGHT, runs_of, segment_of_rows
 from leapgap.logs.stance import contact_columns
 from leapgap.logs.state import motion_of
 from leapgap.robot.kinematics import feet_positions
@@ -85,9 +85,3 @@ def longest_stance(log: Log, robot: Robot) -> slice:
 def longest_run(rows: np.ndarray) -> slice:
     """The longest unbroken run of rows (bool) that are true, as a slice; empty where none is."""
     return max(runs_of(rows), key=lambda run: run.stop - run.start, default=slice(0, 0))
-
-
-def runs_of(rows: np.ndarray) -> list[slice]:
-    """All unbroken runs of rows (bool) that are true, in their order."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int)))
-    return [slice(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]

@@ -50,6 +50,8 @@ def on_lines(log: Log, late: bool = False) -> Log:
     hold = hold_of(log)
     if hold is None:
         return log
+    from scipy.interpolate import CubicHermiteSpline  # half a second, for such logs alone
+
     knots = log.time[hold.changes]
 
     def own(values: np.ndarray) -> np.ndarray:
@@ -63,9 +65,9 @@ def on_lines(log: Log, late: bool = False) -> Log:
         if {position, velocity} <= columns.keys() and goes_with(
             knots, *(log[of][hold.changes] for of in (position, velocity))
         ):
-            columns |= zip(
-                (position, velocity), cubic(log.time, knots, own(log[position]), own(log[velocity])), strict=True
-            )
+            cubic = CubicHermiteSpline(knots, own(log[position]), own(log[velocity]))
+            within = np.clip(log.time, knots[0], knots[-1])  # the last ones stay
+            columns |= {position: cubic(within), velocity: cubic(within, 1)}
     return replace(log, columns={**log.columns, **columns})
 
 
@@ -74,19 +76,6 @@ def goes_with(time: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> b
     moved = np.diff(position)
     off = moved - np.diff(time) * (velocity[1:] + velocity[:-1]) / 2
     return bool((off**2).sum() < SAME_MOTION**2 * (moved**2).sum())
-
-
-def cubic(
-    time: np.ndarray, knots: np.ndarray, position: np.ndarray, velocity: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity at some times, on cubics through positions and velocities at knots; the last ones stay."""
-    first = np.clip(np.searchsorted(knots, time, "right") - 1, 0, len(knots) - 2)
-    length = np.diff(knots)[first]
-    s = np.clip((time - knots[first]) / length, 0.0, 1.0)
-    a, b, u, v = position[first], position[first + 1], length * velocity[first], length * velocity[first + 1]
-    at = a + s * (u + s * (3 * (b - a) - 2 * u - v + s * (2 * (a - b) + u + v)))
-    rate = (u + s * (2 * (3 * (b - a) - 2 * u - v) + s * 3 * (2 * (a - b) + u + v))) / length
-    return at, rate
 
 
 def stands(values: np.ndarray, changes: Sequence[int] | np.ndarray) -> bool:

@@ -18,13 +18,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from leapgap.errors import InputError
-from leapgap.logs.clock import check_period, is_even, row_lengths, whole_tick
+from leapgap.logs.clock import check_period
 from leapgap.logs.completeness import check_complete
 from leapgap.logs.consistency import check_physics
 from leapgap.logs.files import VALUE_BYTES, check_file, check_folder, check_values_fit, decoding
 from leapgap.logs.metadata import read_metadata
 from leapgap.logs.parquet_pages import check_pages
-from leapgap.logs.schema import BASE_QUATERNION, PAIR_FORCE_AXES, check_kind, check_values
+from leapgap.logs.schema import BASE_QUATERNION, PAIR_FORCE_AXES, check_values
 from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
 from leapgap.robot.rotations import continuous, pitch_of, roll_of, yaw_of
 from leapgap.robot.terrain import Box
@@ -36,6 +36,10 @@ JUMP_VERSION = 1
 MANY_VALUES = 3_000_000
 """Values from which on columns are read by several threads; below, threads take longer than they save."""
 METADATA_KEY, CHECKSUM_KEY = b"leapgap", b"leapgap_crc32"
+EVEN = 1e-3
+"""Largest departure of a row's length from the sample period, as a share of it, that counts as none."""
+TICKS_S = (0.001, 0.0005, 0.00025)
+"""Steps of other people's simulations that rows of uneven length may be whole multiples of, s, longest first."""
 
 
 @dataclass(frozen=True)
@@ -184,12 +188,12 @@ class Log:
     @cached_property
     def is_even(self) -> bool:
         """Whether every row lasts one sample period."""
-        return is_even(self.time, self.info.sample_period_s)
+        return bool(np.abs(np.diff(self.time) / self.info.sample_period_s - 1).max() <= EVEN)
 
     @cached_property
     def row_lengths(self) -> np.ndarray:
-        """How long each row lasted by the log's own time, in sample periods, (rows,)."""
-        return row_lengths(self.time, self.info.sample_period_s)
+        """How long each row lasted by the log's own time, in sample periods, (rows,); the last one as a mean row."""
+        return np.ones(len(self)) if self.is_even else np.append(np.diff(self.time) / self.info.sample_period_s, 1.0)
 
     @cached_property
     def uneven_steps(self) -> np.ndarray | None:
@@ -198,8 +202,10 @@ class Log:
 
     @cached_property
     def tick_s(self) -> float | None:
-        """Step, s, of which rows of uneven length last whole numbers; None where there is none, or rows are even."""
-        return None if self.is_even else whole_tick(self.time)
+        """The longest of ``TICKS_S`` that uneven rows are whole multiples of; None: of none, or rows are even."""
+        lengths = np.diff(self.time)
+        whole = (tick for tick in TICKS_S if (np.abs(lengths / tick - np.round(lengths / tick)) < 1e-6).all())
+        return None if self.is_even else next(whole, None)
 
     @cached_property
     def segments(self) -> tuple[Segment, ...]:
@@ -283,26 +289,27 @@ def read_log(path: Path) -> Log:
     with decoding(path, "Parquet", "import the log again"):
         table, metadata = read_parquet(path)
         names, rows = table.column_names, table.num_rows
-        columns = {name: column.to_numpy() for name, column in zip(names, table.columns, strict=True)}
+        columns = {
+            name: copy_floats(column.cast(pa.float64(), safe=False).to_numpy())
+            for name, column in zip(names, table.columns, strict=True)
+        }
     text = metadata[METADATA_KEY]
     checksum = header_checksum(text, names, rows)
     if metadata.get(CHECKSUM_KEY, checksum) != checksum:
         raise InputError(path, "a header that is not as it was written", "a whole log", "import the log again")
-    for name, values in columns.items():
-        check_kind(name, values.dtype.kind, path)
     info = LogInfo.from_json(text, path)
-    log = Log(path.stem, {name: copy_floats(values) for name, values in columns.items()}, info)
+    log = Log(path.stem, columns, info)
     check_period(path, log.time, info.sample_period_s)
     check_read(log, path)
     return log
 
 
 def copy_floats(values: np.ndarray) -> np.ndarray:
-    """A read-only copy of a column, as floats.
+    """A read-only copy of a column.
 
     The arrays of a Parquet table lie in buffers of twice their size, which live as long as any of them.
     """
-    copy = values.astype(np.float64)
+    copy = values.copy()
     copy.flags.writeable = False
     return copy
 

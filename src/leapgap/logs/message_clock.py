@@ -25,21 +25,45 @@ PRECISE = 0.15
 
 
 @dataclass(frozen=True)
-class Equations:
-    """Weighted linear equations for the instants of rows and samples."""
+class Differences:
+    """Equations ``by · (plus − minus) = right`` between two unknowns each."""
 
-    matrix: sp.csr_matrix
-    right: np.ndarray
-    weight: np.ndarray
-    """1 over the standard deviation of each equation."""
-    bend: np.ndarray
-    """Change of velocity in equations of motion, by which its delay acts on their right side; 0 elsewhere."""
-    stream: np.ndarray
-    """Index of the message of each equation of motion; −1 elsewhere."""
+    plus: np.ndarray
+    minus: np.ndarray
+    by: np.ndarray | float
+    right: np.ndarray | float
+    spread: np.ndarray | float
+    """Standard deviation of each equation."""
+    bend: np.ndarray | float = 0.0
+    """Change of velocity, by which its delay acts on the right side."""
+    stream: int = -1
+    """Index of the message whose motion they tell; −1 where they tell none."""
+
+
+@dataclass(frozen=True)
+class Equations:
+    """What is known of the instants of rows and samples; unknown are those of the rows, then those of each message."""
+
+    parts: tuple[Differences, ...]
     first: np.ndarray
     """Index of the first sample of each message among the unknowns; before them stand the rows."""
     sharpness: tuple[np.ndarray, ...]
     """For each message, standard deviation of the time between its samples by their motion alone, s."""
+
+    def column(self, name: str, last: float) -> np.ndarray:
+        """One number of every equation, and that of the last one, which puts the first row at instant 0."""
+        sizes = (len(part.plus) for part in self.parts)
+        parts = zip(self.parts, sizes, strict=True)
+        return np.concatenate([*(np.broadcast_to(getattr(part, name), size) for part, size in parts), [last]])
+
+    def matrix(self) -> sp.csr_matrix:
+        """Left sides, (equations, unknowns)."""
+        plus, minus, by = (self.column(name, last) for name, last in (("plus", 0), ("minus", 0), ("by", 1.0)))
+        number, origin = np.arange(len(plus)), len(plus) - 1
+        values, rows = np.concatenate([by, -by[:origin]]), np.concatenate([number, number[:origin]])
+        return sp.csr_matrix(
+            (values, (rows, np.concatenate([plus, minus[:origin]]))), shape=(len(plus), int(self.first[-1]))
+        )
 
 
 def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
@@ -67,26 +91,6 @@ def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
     )
 
 
-@dataclass(frozen=True)
-class Differences:
-    """Equations ``by · (plus − minus) = right`` between two unknowns each."""
-
-    plus: np.ndarray
-    minus: np.ndarray
-    by: np.ndarray
-    right: np.ndarray
-    spread: np.ndarray
-    """Standard deviation of each equation."""
-    bend: np.ndarray | float = 0.0
-    """Change of velocity, by which its delay acts on the right side."""
-    stream: int = -1
-    """Index of the message whose motion they tell; −1 where they tell none."""
-
-    def column(self, values: np.ndarray | float) -> np.ndarray:
-        """One value for each equation."""
-        return np.broadcast_to(np.asarray(values, dtype=float), len(self.plus))
-
-
 def equations_of(streams: Sequence[Stream], period: float) -> Equations:
     """All equations of a log of so many rows; ``period`` is the mean length of a row, s."""
     rows = len(streams[0].fresh)
@@ -97,15 +101,14 @@ def equations_of(streams: Sequence[Stream], period: float) -> Equations:
         at = np.flatnonzero(stream.fresh)
         after = first[k] + np.arange(1, len(at))
         lasts = period * np.diff(at)
-        shown, one = first[k] + np.cumsum(stream.fresh) - 1, np.ones(rows)
-        late = np.where(stream.fresh, LAG_SPREAD, 3 * LAG_SPREAD) * period
+        shown, late = first[k] + np.cumsum(stream.fresh) - 1, np.where(stream.fresh, LAG_SPREAD, 3 * LAG_SPREAD)
         parts += [
             *moves,
-            Differences(after, after - 1, one[: len(after)], lasts, FREE * period * one[: len(after)]),
-            Differences(np.arange(rows), shown, one, LAG * period * one, late),
+            Differences(after, after - 1, 1.0, lasts, FREE * period),
+            Differences(np.arange(rows), shown, 1.0, LAG * period, late * period),
         ]
         sharpness.append(sharp)
-    return assemble(parts, first, tuple(sharpness))
+    return Equations(tuple(parts), first, tuple(sharpness))
 
 
 def motion_equations(stream: Stream, index: int, first: int, period: float) -> tuple[list[Differences], np.ndarray]:
@@ -123,28 +126,6 @@ def motion_equations(stream: Stream, index: int, first: int, period: float) -> t
     return found, sharp
 
 
-def assemble(parts: Sequence[Differences], first: np.ndarray, sharpness: tuple[np.ndarray, ...]) -> Equations:
-    """One system of all equations; the first row is written at instant 0."""
-    plus, minus, by = (np.concatenate([getattr(part, name) for part in parts]) for name in ("plus", "minus", "by"))
-    number, origin = np.arange(len(plus)), len(plus)
-    matrix = sp.csr_matrix(
-        (
-            np.concatenate([by, -by, [1.0]]),
-            (np.concatenate([number, number, [origin]]), np.concatenate([plus, minus, [0]])),
-        ),
-        shape=(origin + 1, int(first[-1])),
-    )
-    return Equations(
-        matrix,
-        np.concatenate([*(part.column(part.right) for part in parts), [0.0]]),
-        np.concatenate([*(1 / part.column(part.spread) for part in parts), [ORIGIN]]),
-        np.concatenate([*(part.column(part.bend) for part in parts), [0.0]]),
-        np.concatenate([*(np.full(len(part.plus), part.stream) for part in parts), [-1]]),
-        first,
-        sharpness,
-    )
-
-
 @dataclass(frozen=True)
 class Solution:
     """Instants that fit the equations."""
@@ -160,17 +141,18 @@ def solve(equations: Equations, streams: Sequence[Stream], period: float) -> Sol
 
     A velocity may be that of a moment before its position; this delay of each message is found on the way.
     """
-    delay = np.full(len(streams), period / 2)
-    weight, found = equations.weight, np.zeros(0)
+    matrix, bend, of = equations.matrix(), equations.column("bend", 0.0), equations.column("stream", -1).astype(int)
+    right, before = equations.column("right", 0.0), 1 / equations.column("spread", 1 / ORIGIN)
+    delay, weight, found = np.full(len(streams), period / 2), before, np.zeros(0)
     row_of_unknown = [np.arange(equations.first[0]) + 0.5, *(np.flatnonzero(stream.fresh) for stream in streams)]
     order = np.argsort(np.concatenate(row_of_unknown), kind="stable")
     for _ in range(ROUNDS):
-        right = equations.right - delay_term(equations, delay)
-        weighted = sp.diags(weight) @ equations.matrix
-        found = solve_in_order(weighted.T @ weighted, weighted.T @ (weight * right), order)
-        missed = equations.matrix @ found - right
-        weight = equations.weight / np.sqrt(1 + (missed * equations.weight / OUTLIER) ** 2)
-        delay = delay - delay_change(equations, weight, missed, len(streams))
+        moved = right - np.where(of >= 0, delay[of] * bend, 0.0)
+        weighted = sp.diags(weight) @ matrix
+        found = solve_in_order(weighted.T @ weighted, weighted.T @ (weight * moved), order)
+        missed = matrix @ found - moved
+        weight = before / np.sqrt(1 + (missed * before / OUTLIER) ** 2)
+        delay = delay - delay_change(of, bend, weight, missed, len(streams))
     ends = zip(equations.first, equations.first[1:], strict=False)
     return Solution(found[: equations.first[0]], tuple(found[a:b] for a, b in ends))
 
@@ -184,18 +166,15 @@ def solve_in_order(matrix: sp.csr_matrix, right: np.ndarray, order: np.ndarray) 
     return found
 
 
-def delay_term(equations: Equations, delay: np.ndarray) -> np.ndarray:
-    """What the delay of velocities (messages,) adds to the motion in each equation."""
-    return np.where(equations.stream >= 0, delay[equations.stream] * equations.bend, 0.0)
+def delay_change(of: np.ndarray, bend: np.ndarray, weight: np.ndarray, missed: np.ndarray, streams: int) -> np.ndarray:
+    """By how much the delay of each message's velocities has to fall to explain what is missed, s, (messages,).
 
-
-def delay_change(equations: Equations, weight: np.ndarray, missed: np.ndarray, streams: int) -> np.ndarray:
-    """By how much the delay of each message's velocities has to fall to explain what is missed, s, (messages,)."""
+    ``of`` is the message of each equation, the others (equations,) too.
+    """
     change = np.zeros(streams)
     for k in range(streams):
-        own = equations.stream == k
-        square = float((weight[own] ** 2 * equations.bend[own] ** 2).sum())
-        change[k] = float((weight[own] ** 2 * equations.bend[own] * missed[own]).sum()) / square if square > 0 else 0.0
+        own, square = (of == k) * weight**2 * bend, float(((of == k) * weight**2 * bend**2).sum())
+        change[k] = float((own * missed).sum()) / square if square > 0 else 0.0
     return change
 
 
@@ -248,21 +227,9 @@ def with_whole_steps(equations: Equations, samples: Sequence[np.ndarray], step: 
         near = (np.abs(np.diff(own) / step - number) < PRECISE) & (sharp < PRECISE * step) & (number >= 1)
         plus.append(first + 1 + np.flatnonzero(near))
         right.append(step * number[near])
-    after, known = np.concatenate(plus), np.concatenate(right)
-    each = np.arange(len(after))
-    more = sp.csr_matrix(
-        (np.repeat([1.0, -1.0], len(after)), (np.tile(each, 2), np.concatenate([after, after - 1]))),
-        shape=(len(after), equations.matrix.shape[1]),
-    )
-    none = np.zeros(len(after))
-    return replace(
-        equations,
-        matrix=sp.vstack([equations.matrix, more]).tocsr(),
-        right=np.concatenate([equations.right, known]),
-        weight=np.concatenate([equations.weight, np.full(len(after), 100 / step)]),
-        bend=np.concatenate([equations.bend, none]),
-        stream=np.concatenate([equations.stream, none.astype(int) - 1]),
-    )
+    after = np.concatenate(plus)
+    whole = Differences(after, after - 1, 1.0, np.concatenate(right), step / 100)
+    return replace(equations, parts=(*equations.parts, whole))
 
 
 def instants_of_rows(

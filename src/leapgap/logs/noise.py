@@ -54,9 +54,8 @@ def noise_of(steps: np.ndarray, period_s: float, lengths: np.ndarray | None = No
     steps are given where they are uneven and short; then a value is compared with the straight line between its
     neighbours.
     """
-    return np.asarray(
-        np.maximum(white_noise_of(steps, period_s, lengths), ticks_of(steps.cumsum(axis=0)) / np.sqrt(12))
-    )
+    rounding = ticks_of(steps.cumsum(axis=0)) / np.sqrt(12)
+    return np.asarray(np.maximum(white_noise_of(steps, period_s, lengths), rounding))
 
 
 def white_noise_of(steps: np.ndarray, period_s: float, lengths: np.ndarray | None) -> np.ndarray:

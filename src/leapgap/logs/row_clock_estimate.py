@@ -164,10 +164,7 @@ def noisy_clock(log: Log, streams: Sequence[Stream], every: Stream, fresh: np.nd
     period = log.info.sample_period_s
     repeats = {one.name: repeated for one in streams if (repeated := one.repeats(period)) >= REPEATS}
     return RowClock(
-        instants,
-        {name: shown[stream.name] for stream in streams for name in stream.columns},
-        None,
-        repeats,
+        instants, {name: shown[stream.name] for stream in streams for name in stream.columns}, None, repeats
     )
 
 

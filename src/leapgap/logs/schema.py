@@ -85,8 +85,6 @@ def quantity_of(column: str) -> Quantity | None:
 
 LATEST_S = 1e7
 """Latest time in a log, s: time counts from its first row, not from an epoch."""
-KINDS_OF_NUMBERS = "biuf"
-"""NumPy's letters for truth values, whole numbers with and without sign, and floats."""
 
 
 @cache
@@ -111,9 +109,3 @@ def check_values(columns: Mapping[str, np.ndarray], where: object) -> None:
             f"{low:g} to {high:g} {unit}".rstrip(),
             "correct its unit or factor, or leave the log out",
         )
-
-
-def check_kind(column: str, kind: str, where: object) -> None:
-    """``InputError`` for a column of texts, dates or objects; ``kind`` is NumPy's letter for its type."""
-    if kind not in KINDS_OF_NUMBERS:
-        raise InputError(f"{where}, column {column}", "a column that is not numeric", "float64", "export it again")

@@ -70,3 +70,9 @@ def segment_of_rows(segments: Sequence[Segment], time_s: np.ndarray) -> np.ndarr
     for k, segment in sorted(enumerate(segments), key=lambda one: one[1].begin_s):
         found[(time_s >= segment.begin_s) & (time_s < segment.end_s)] = k
     return found
+
+
+def runs_of(rows: np.ndarray) -> list[slice]:
+    """All unbroken runs of rows (bool) that are true, in their order."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int)))
+    return [slice(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]

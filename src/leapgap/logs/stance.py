@@ -3,6 +3,7 @@
 import numpy as np
 
 from leapgap.logs.log import Log
+from leapgap.logs.segments import runs_of
 from leapgap.robot.model import Robot
 
 LOADED = 0.3
@@ -51,10 +52,9 @@ def stance_by_height(time: np.ndarray, height: np.ndarray, load: np.ndarray) -> 
     lowest = np.asarray(height < height.min(axis=1, keepdims=True) + NEAR_M)
     if not MEAN_LOAD[0] < load.mean() < MEAN_LOAD[1]:
         return lowest
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], load < LEAST_LOAD, [False]]).astype(int)))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        if time[end - 1] - time[begin] >= LEAST_FLIGHT_S:
-            lowest[begin:end] = False
+    for run in runs_of(load < LEAST_LOAD):
+        if time[run.stop - 1] - time[run.start] >= LEAST_FLIGHT_S:
+            lowest[run] = False
     return lowest
 
 

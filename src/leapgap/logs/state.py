@@ -7,9 +7,8 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.logs.base_estimate import BaseEstimate, check_base, estimate_base
-from leapgap.logs.derivatives import DEGREES, velocity_fit
+from leapgap.logs.derivatives import DEGREES, add_velocities, velocity_fit
 from leapgap.logs.log import Log
-from leapgap.logs.missing_velocities import add_velocities
 from leapgap.logs.noise import noise_of
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 from leapgap.robot.model import Robot

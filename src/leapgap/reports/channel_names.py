@@ -45,10 +45,13 @@ def row_of(channel: str, robot: Robot) -> str:
 
 def channel_title(channel: str) -> str:
     """Label and unit of a channel, such as ``height z, m`` or ``elbow velocity, rad/s``."""
-    if channel in LABELS:
-        known = quantity_of(channel)
-        return f"{LABELS[channel]}, {known.unit if known else 'rad'}"
-    return f"{channel_words(channel)}, {QUANTITIES[channel.partition('/')[0]].unit}"
+    return f"{channel_words(channel)}, {unit_of(channel)}"
+
+
+def unit_of(channel: str) -> str:
+    """Unit of a channel; roll, pitch and yaw are no quantities of a log."""
+    known = QUANTITIES.get(channel.partition("/")[0]) or quantity_of(channel)
+    return known.unit if known else "rad"
 
 
 def channel_words(channel: str) -> str:

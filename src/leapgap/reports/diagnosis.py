@@ -17,12 +17,11 @@ from leapgap.errors import InputError
 from leapgap.export import write_exports
 from leapgap.export.base import CorrectedRobot
 from leapgap.export.posterior import Posterior, posterior_of
-from leapgap.logs.cutting import at_least_two
+from leapgap.logs.cutting import at_least_two, choose_stretches
 from leapgap.logs.log import Log
 from leapgap.logs.reach import without_false_stops
 from leapgap.logs.reading import Readings, read_folder
 from leapgap.logs.state import motion_of
-from leapgap.logs.stretches import choose_stretches
 from leapgap.robot.loop import Loop, robot_loop
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion

@@ -1,15 +1,11 @@
-"""Figures of a diagnosis: where the gap is, how far it closes, and how well the numbers are known.
-
-Plotly is imported where a figure is drawn, so that ``import leapgap`` stays fast.
-"""
-
-from __future__ import annotations
+"""Figures of a diagnosis: where the gap is, how far it closes, and how well the numbers are known."""
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
 
 from leapgap.diagnosis.report import ReportContent
 from leapgap.diagnosis.summary import brief
@@ -18,17 +14,12 @@ from leapgap.reports.colours import CORRECTED, GREY, NOMINAL, REAL
 from leapgap.reports.similarity import Similarity
 from leapgap.robot.model import Robot
 
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
-
 HALF_OF_CHI2_95 = 1.92
 """Loss of log likelihood at the end of a parameter's 95 % interval, for errors that are noise alone."""
 
 
 def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Figure:
     """Share of the squared gap by phase, in the order given, and channel; joints summed over the legs of a pair."""
-    import plotly.graph_objects as go
-
     phases = list(dict.fromkeys([*phases, *(place.phase for place in report.where)]))
     rows: dict[str, np.ndarray] = {}
     ends: dict[str, np.ndarray] = {}
@@ -36,10 +27,7 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
         row, column = row_of(place.channel, robot), phases.index(place.phase)
         rows.setdefault(row, np.zeros(len(phases)))[column] += place.share
         ends.setdefault(row, np.zeros((len(phases), 2)))[column] += place.share_ci95
-    order = [
-        *(label for label in LABELS.values() if label in rows),
-        *sorted(set(rows) - set(LABELS.values())),
-    ]
+    order = [*(label for label in LABELS.values() if label in rows), *sorted(set(rows) - set(LABELS.values()))]
     shown = [p for p, _ in enumerate(phases) if any(rows[name][p] for name in order)] or [*range(len(phases))]
     values = 100 * np.array([[rows[name][p] for p in shown] for name in order])
     figure = go.Figure(
@@ -67,8 +55,6 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
 
 def horizons(report: ReportContent) -> go.Figure:
     """The headline gap against the length of the replays: nominal, corrected, and a robot that does not move."""
-    import plotly.graph_objects as go
-
     ordered = sorted(report.horizons, key=lambda at: at.horizon_s or math.inf)
     labels = [f"{at.horizon_s:g} s" if at.horizon_s else "whole logs" for at in ordered]
     curves = [("nominal", NOMINAL, "solid", [at.nominal for at in ordered])]
@@ -99,8 +85,6 @@ def round_numbers(values: Sequence[float]) -> list[float]:
 
 def similarities(alike: Similarity) -> go.Figure:
     """Correlations of what the effects change, as a map."""
-    import plotly.graph_objects as go
-
     values = np.round(alike.correlation, 2)
     figure = go.Figure(
         go.Heatmap(
@@ -127,8 +111,6 @@ def closures(report: ReportContent) -> go.Figure:
 
     Blue are the selected effects, each at the place that was selected. They are the first causes of the report.
     """
-    import plotly.graph_objects as go
-
     causes = sorted(report.causes, key=lambda cause: cause.closure.value)
     selected = {(cause.effect, cause.location) for cause in report.causes[: len(report.answer)]}
     value = 100 * np.array([cause.closure.value for cause in causes])
@@ -156,9 +138,6 @@ def closures(report: ReportContent) -> go.Figure:
 
 def profiles(report: ReportContent) -> go.Figure:
     """Profile likelihood of each hypothesis's parameter: a narrow minimum means that the data determine it well."""
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
     columns = 3
     rows = max(1, -(-len(report.profiles) // columns))
     figure = make_subplots(
@@ -191,8 +170,6 @@ def profiles(report: ReportContent) -> go.Figure:
 
 def gap_per_log(report: ReportContent) -> go.Figure:
     """The headline gap of each log, of the nominal and of the corrected simulation."""
-    import plotly.graph_objects as go
-
     names = list(report.gap_per_log)
     figure = go.Figure()
     shown = [("nominal", "nominal", NOMINAL), ("corrected", "corrected, not fitted on this log", CORRECTED)]

@@ -6,7 +6,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from leapgap.logs.schema import PAIR_FORCE_AXES
-from leapgap.reports.plots import COMPONENTS, FORCE_COLOURS, components, has_pair_force, switched_pairs
+from leapgap.reports.plots import COMPONENTS, FORCE_COLOURS, components, switched_pairs
 from leapgap.reports.recorder import TIMELINE
 from leapgap.reports.scene import WORLD, extent
 from leapgap.reports.shown_robot import ShownRobot
@@ -31,7 +31,7 @@ def jump_blueprint(
     tabs: list[rrb.Container | rrb.View] = [overview(actors, base_plots(actors), extra_lanes)]
     tabs.append(rrb.Tabs(*[leg(main, name, len(actors) > 1) for name in legs(main)], name="Joints"))
     forces = []
-    if any(has_pair_force(main.jump, source) for source in FORCE_COLOURS):
+    if any(main.jump.has_pair_force(source) for source in FORCE_COLOURS):
         for axis in PAIR_FORCE_AXES:
             forces.append(
                 plot(f"forces/{axis}", f"{axis.replace('_', ' feet, ')} [N]", legend=axis == PAIR_FORCE_AXES[0])
@@ -58,11 +58,7 @@ def add_panels(root: rrb.Container) -> rrb.Blueprint:
     return rrb.Blueprint(
         root,
         rrb.TimePanel(
-            state="collapsed",
-            timeline=TIMELINE,
-            playback_speed=PLAYBACK_SPEED,
-            play_state="paused",
-            loop_mode="all",
+            state="collapsed", timeline=TIMELINE, playback_speed=PLAYBACK_SPEED, play_state="paused", loop_mode="all"
         ),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -152,11 +148,7 @@ def leg(actor: ShownRobot, name: str, residual: bool = False) -> rrb.Container:
     if residual:
         rows.append(("residual", f"Δ position [rad], ghost − {actor.label}"))
     views = [
-        plot(
-            f"joints/{name}/{joint}/{quantity}",
-            f"{joint} {label}",
-            legend=joint == joints[0],
-        )
+        plot(f"joints/{name}/{joint}/{quantity}", f"{joint} {label}", legend=joint == joints[0])
         for quantity, label in rows
         for joint in joints
     ]

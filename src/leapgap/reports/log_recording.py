@@ -72,13 +72,7 @@ def log_notes(to: Recorder, actors: Sequence[ShownRobot], title: str, says: str 
 def notes(actors: Sequence[ShownRobot], title: str, says: str = "") -> str:
     """Notes on a recording as Markdown: task, robots and their sources, terrain, arrows."""
     info = actors[0].jump.info
-    lines = [
-        f"# {title}",
-        *([says] if says else []),
-        *in_words(info),
-        frame_in_words(actors[0].robot),
-        "",
-    ]
+    lines = [f"# {title}", *([says] if says else []), *in_words(info), frame_in_words(actors[0].robot), ""]
     for actor in actors:
         role = "ghost" if actor.is_ghost else "robot"
         lines.append(

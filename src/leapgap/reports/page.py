@@ -1,10 +1,8 @@
 """Rendering of the HTML pages: self-contained, without network; equal input gives equal bytes.
 
-Plotly and Jinja2 are imported where a page is written, so that ``import leapgap`` stays fast. Plotly's script and long
-figures are packed (gzip, base64), which the browser unpacks: a page is a quarter of its size otherwise.
+Plotly's script and long figures are packed (gzip, base64), which the browser unpacks: a page is a quarter of its size
+otherwise.
 """
-
-from __future__ import annotations
 
 import base64
 import gzip
@@ -12,10 +10,11 @@ import html
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
+import jinja2
+import plotly.graph_objects as go
+import plotly.offline
 
 HEAD = "page_head.html"
 """Style and scripts that all pages share: colours on light and dark, phones, print, drawing of figures."""
@@ -31,9 +30,6 @@ def render_page(template: Path, figures: dict[str, go.Figure], **values: Any) ->
 
 def render_text(template: Path, figures: Mapping[str, str], **values: Any) -> str:
     """Render a template file with figures that are HTML fragments already; without any, Plotly stays out."""
-    import jinja2
-    import plotly.offline
-
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader([template.parent, Path(__file__).parent]),
         autoescape=True,
@@ -62,9 +58,7 @@ def embed_json(text: str, **attributes: str) -> str:
 def embed_figure(figure: go.Figure, name: str) -> str:
     """HTML fragment of a figure; the fixed name makes its bytes repeatable."""
     figure.update_layout(
-        template="plotly_white",
-        font={"family": "system-ui, sans-serif", "size": 13},
-        hoverlabel={"namelength": -1},
+        template="plotly_white", font={"family": "system-ui, sans-serif", "size": 13}, hoverlabel={"namelength": -1}
     )
     spec = json.loads(figure.to_json())
     height = spec["layout"].get("height", 450)

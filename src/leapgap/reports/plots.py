@@ -196,7 +196,7 @@ def log_ground_forces(to: Recorder, actor: ShownRobot) -> None:
     """Log the forces of the pairs on the robot, N, of each source that the log has; foot sensors as logged."""
     jump = actor.jump
     rows = rows_at_period(jump.time, JOINT_PERIOD_S)
-    sources = [source for source in FORCE_COLOURS if has_pair_force(jump, source)]
+    sources = [source for source in FORCE_COLOURS if jump.has_pair_force(source)]
     for axis in PAIR_FORCE_AXES:
         curves = [Curve(s, FORCE_COLOURS[s], jump[f"{s}/{axis}"][rows]) for s in sources]
         log_plot(to, f"forces/{axis}", jump.time[rows], curves)
@@ -223,11 +223,6 @@ def ground_friction(robot: Robot) -> float:
     """Sliding friction between feet and floor: the larger of the two, as MuJoCo combines them."""
     model = robot.model
     return float(model.geom_friction[[*robot.foot_geoms, *ground_geoms(model)], 0].max())
-
-
-def has_pair_force(jump: Log, source: str) -> bool:
-    """Whether a log has a force of the pairs."""
-    return jump.has_pair_force(source)
 
 
 def log_phases(
@@ -299,8 +294,5 @@ def switched_pairs(actor: ShownRobot) -> tuple[str, ...]:
 
 def log_lane(to: Recorder, entity: str, times: np.ndarray, states: Sequence[str], colours: dict[str, Colour]) -> None:
     """Log one lane of the state timeline: the state from each time on."""
-    to.static(
-        entity,
-        rr.StateConfiguration(values=list(colours), labels=list(colours), colors=list(colours.values())),
-    )
+    to.static(entity, rr.StateConfiguration(values=list(colours), labels=list(colours), colors=list(colours.values())))
     to.over_time(entity, times, rr.StateChange.columns(state=list(states)))

@@ -20,8 +20,7 @@ from leapgap.diagnosis.next_experiment import in_noises
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.diagnosis.summary import brief
 from leapgap.logs.log import Log
-from leapgap.logs.schema import QUANTITIES, quantity_of
-from leapgap.reports.channel_names import channel_title, channel_words
+from leapgap.reports.channel_names import channel_title, channel_words, unit_of
 from leapgap.reports.channels_data import channels_data
 from leapgap.reports.diagnosis_figures import closures, gap_map, gap_per_log, horizons, profiles, similarities
 from leapgap.reports.page import embed_json, render_page
@@ -133,7 +132,7 @@ def tiles(
     answered, found = bool(report.answer), []
     channel = worst_channel(report, logs)
     if channel is not None:
-        unit = "rad" if channel in BASE_TURNS else unit_of(channel)
+        unit = unit_of(channel)
         factor = math.degrees(1) if unit in ANGLES else 1.0
         own = [factor * rms(logs, replays, channel) for replays in (nominal, corrected)]
         says = f"{channel_words(channel)}, rms error{', corrected on held-out logs' if answered else ''}"
@@ -159,12 +158,6 @@ def worst_channel(report: ReportContent, logs: Sequence[Log]) -> str | None:
     channels = [place.channel for place in report.where if all(is_logged(log, place.channel) for log in logs)]
     positions = [one for one in channels if one.startswith(POSITIONS)]
     return next(iter([*positions, *channels]), None)
-
-
-def unit_of(channel: str) -> str:
-    """Unit of a channel of a log."""
-    known = quantity_of(channel) or QUANTITIES[channel.partition("/")[0]]
-    return known.unit
 
 
 def rms(logs: Sequence[Log], replays: Mapping[str, Log], channel: str) -> float:

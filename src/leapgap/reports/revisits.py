@@ -27,10 +27,8 @@ from leapgap.validation.revisits import (
     experiment_cases,
     extension_result,
     is_feasible,
-    missed_cases,
-    proposed_experiment,
-    without,
 )
+from leapgap.validation.scoring import is_missed
 from leapgap.validation.seal import open_truth
 
 Planner = Callable[[Sequence[str], str], tuple[list[Log], tuple[float, float]]]
@@ -72,26 +70,32 @@ class Revisit:
         settings, out = self.settings, self.cache.folder
         cases = read_cases(settings, self.robot.topology.sides)
         claim_folder(out, by)
-        ablated = ablation_cases(cases, settings.struck)
+        struck, experiments, missed = (
+            None if number < 0 else number for number in (settings.struck, settings.experiments, settings.missed)
+        )
+        ablated = ablation_cases(cases, struck)
         jobs = [
-            self.job("struck", case, Path(settings.logs) / case.name, without(self.diagnosing, case.first.true[0]))
-            for case in ablated
+            self.job("struck", case, Path(settings.logs) / case.name, without=[case.first.true[0]]) for case in ablated
         ]
         run_jobs(jobs, self.cache, self.executor)
         results = {case.name: ablation_result(case, out / "struck") for case in ablated}
         write_json(out / "struck.json", results)
-        experiments = [(case, proposed_experiment(case)) for case in experiment_cases(cases, settings.experiments)]
-        missed = [(case, settings.further) for case in missed_cases(cases, settings.missed)]
-        for kind, chosen in (("experiments", experiments), ("missed", missed)):
+        asking = [
+            (case, [str(line) for line in case.report["next_experiment"].get("collect", ())])
+            for case in experiment_cases(cases, experiments)
+        ]
+        not_found = [(case, settings.further) for case in cases if is_missed(case.first)][:missed]
+        for kind, chosen in (("experiments", asking), ("missed", not_found)):
             feasible = [(case, lines) for case, lines in chosen if is_feasible(case, lines)]
-            jobs = [self.job(kind, case, self.extended(kind, case, lines), self.diagnosing) for case, lines in feasible]
+            jobs = [self.job(kind, case, self.extended(kind, case, lines)) for case, lines in feasible]
             run_jobs(jobs, self.cache, self.executor)
             results = {case.name: extension_result(case, lines, out / kind) for case, lines in feasible}
             write_json(out / f"{kind}.json", results)
         self.cache.sweep()
 
-    def job(self, kind: str, case: Seen, logs: Path, settings: Settings) -> Job:
-        """The diagnosis of a case from a folder of logs."""
+    def job(self, kind: str, case: Seen, logs: Path, without: Sequence[str] = ()) -> Job:
+        """The diagnosis of a case from a folder of logs, without some hypotheses."""
+        settings = replace(self.diagnosing, without=[*self.diagnosing.without, *without])
         return Job(f"{kind}/{case.name}", logs, self.robot.path, settings, pages=self.pages)
 
     def extended(self, kind: str, case: Seen, overrides: Sequence[str]) -> Path:

@@ -8,7 +8,7 @@ import rerun as rr
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import WORLD_X_Z, by_pair
 from leapgap.logs.segments import segment_of_rows
-from leapgap.reports.plots import ground_friction, has_pair_force, planned_to_push, split_at_take_off
+from leapgap.reports.plots import ground_friction, planned_to_push, split_at_take_off
 from leapgap.reports.recorder import Recorder
 from leapgap.reports.shown_robot import Colour, ShownRobot
 from leapgap.robot.terrain import Box
@@ -150,9 +150,7 @@ def hide_robot(to: Recorder, actor: ShownRobot, after_s: float) -> None:
     """Hide a robot from a time on by a scale of 1e-5, which is invisible; Rerun refuses a scale of zero."""
     for body in actor.poses.bodies:
         to.over_time(
-            f"{WORLD}/{actor.key}/{body}",
-            np.array([after_s]),
-            rr.Transform3D.columns(scale=[[1e-5, 1e-5, 1e-5]]),
+            f"{WORLD}/{actor.key}/{body}", np.array([after_s]), rr.Transform3D.columns(scale=[[1e-5, 1e-5, 1e-5]])
         )
 
 
@@ -197,9 +195,7 @@ def log_meshes(to: Recorder, entity: str, some: Sequence[Shape], actor: ShownRob
     for i, shape in enumerate(some):
         place = rr.Transform3D(translation=shape.position, quaternion=rr.Quaternion(xyzw=xyzw(shape.quaternion)))
         mesh = rr.Mesh3D(
-            vertex_positions=shape.vertices,
-            triangle_indices=shape.faces,
-            albedo_factor=shape_colour(shape.rgba, actor),
+            vertex_positions=shape.vertices, triangle_indices=shape.faces, albedo_factor=shape_colour(shape.rgba, actor)
         )
         to.static(f"{entity}/mesh_{i}", place, mesh)
 
@@ -251,17 +247,16 @@ def log_forces(to: Recorder, actor: ShownRobot) -> None:
     if not all(feet for _, feet in pairs):
         return
     origins = np.stack([actor.poses.feet[:, feet].mean(axis=1) for _, feet in pairs], axis=1)
-    if any(has_pair_force(jump, source) for source in FORCES):
-        log_cones(to, actor, origins, is_pushing(jump, actor.time))
-    for source, colour in FORCES.items():
-        if not has_pair_force(jump, source):
-            continue
+    pushing = is_pushing(jump, actor.time)
+    sources = [source for source in FORCES if jump.has_pair_force(source)]
+    if sources:
+        log_cones(to, actor, origins, pushing)
+    for source in sources:
         force = by_pair(jump.pair_force(source)[actor.rows])
         vectors = np.zeros((len(force), 2, 3))
         vectors[:, :, WORLD_X_Z] = METRES_PER_NEWTON * force
         entity = f"{WORLD}/{actor.key}/{source}"
-        to.static(entity, rr.Arrows3D.from_fields(colors=[colour], radii=[0.006]))
-        pushing = is_pushing(jump, actor.time)
+        to.static(entity, rr.Arrows3D.from_fields(colors=[FORCES[source]], radii=[0.006]))
         columns = rr.Arrows3D.columns(
             vectors=vectors[pushing].astype(np.float32), origins=origins[pushing].astype(np.float32)
         )

@@ -101,10 +101,6 @@ def run_cases(
 
 def run_jobs(jobs: list[Job], cache: ResultCache, executor: Executor) -> None:
     """Run the jobs without a finished verdict and print the progress."""
-    for folder in sorted({(cache.folder / job.place).parent for job in jobs if job.pages}):
-        from leapgap.reports.pages import write_script
-
-        write_script(folder)
     todo = [job for job in jobs if cache.get(job.place, job.key) is None]
     if executor.workers > 1 and len(todo) > 1:
         todo = [replace(job, threads=1) for job in todo]  # side by side; a single one uses every core itself
@@ -144,10 +140,7 @@ def verdict_of(cache: ResultCache, job: Job) -> str:
         if found is None:
             raise InputError(job.logs, "no jump logs", "one or more", "withhold the cases again")
         if job.pages:
-            from leapgap.reports.pages import write_with_shared_script
-
-            found.write_data(out / job.name)
-            write_with_shared_script(found, out / job.name)
+            found.write(out / job.name)
         else:
             keep(replace(found, robot=Robot.load(job.robot)), out / job.name)  # its copy is about to go
     return found.sentence

@@ -41,8 +41,7 @@ def replace_actuators(spec: mujoco.MjSpec, own: Sequence[JointActuator]) -> None
         make_affine(added, gain=float(motor.driven))
         set_limit(added, motor.limit)
         joint = joints[motor.joint]
-        joint.armature += motor.armature
-        joint.damping = np.asarray(joint.damping) + np.array(motor.damping)
+        give_to_joint(joint, motor)
         if not joint.actgravcomp:
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # the limit is the actuator's, and scales with it
     for sensor in list(spec.sensors):
@@ -52,6 +51,12 @@ def replace_actuators(spec: mujoco.MjSpec, own: Sequence[JointActuator]) -> None
         key.ctrl, key.act = [], []
     if not any(motor.has_bias for motor in own):
         take_pd_once_a_step(spec)
+
+
+def give_to_joint(joint: mujoco.MjsJoint, motor: JointActuator) -> None:
+    """Add inertia and damping that a model file has at the actuators of a joint to the joint."""
+    joint.armature += motor.armature
+    joint.damping = np.asarray(joint.damping) + np.array(motor.damping)
 
 
 def take_pd_once_a_step(spec: mujoco.MjSpec) -> None:

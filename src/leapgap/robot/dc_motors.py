@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from leapgap.robot.actuators import joint_pd, make_affine, set_joint_pd, set_limit
-from leapgap.robot.stated_actuators import UNLIMITED
+from leapgap.robot.actuators import add_push, joint_pd, set_joint_pd
 
 DC_RESISTANCE, DC_CONSTANT, DC_KP, DC_KD, DC_VOLTAGE = 0, 1, 4, 6, 7
 """Entries of ``gainprm`` of MuJoCo's DC motor."""
@@ -96,10 +95,7 @@ def is_dc_motor(model: mujoco.MjModel, actuators: np.ndarray) -> np.ndarray:
 
 def add_passive_friction(spec: mujoco.MjSpec, joint: str, name: str) -> None:
     """Add an actuator without controls at a joint, for friction with a state; ``set_lugre_friction`` gives its size."""
-    added = spec.add_actuator()
-    added.name, added.trntype, added.target, added.gear = name, mujoco.mjtTrn.mjTRN_JOINT, joint, [1.0, 0, 0, 0, 0, 0]
-    make_affine(added, gain=0.0)
-    set_limit(added, UNLIMITED)
+    added = add_push(spec, joint, name)
     added.set_to_dcmotor(motorconst=[0.0, 0.0], resistance=1.0, lugre=[1.0, 0.0, 1.0, 1.0, 1.0], ctrlspec=NO_INPUT)
 
 
@@ -186,12 +182,7 @@ def filtered_dampers(model: mujoco.MjModel, joints: Sequence[str]) -> list[tuple
 def add_filtered_dampers(spec: mujoco.MjSpec, joints: Sequence[str], resistance: float) -> None:
     """Add an actuator at each of these joints that ``split_joint_pd`` gives the damper of the joint PD."""
     for joint in joints:
-        added = spec.add_actuator()
-        added.name, added.target, added.trntype = filter_of(joint), joint, mujoco.mjtTrn.mjTRN_JOINT
-        make_affine(added, gain=1.0)
-        set_limit(added, UNLIMITED)
-        added.gear = [1.0, 0, 0, 0, 0, 0]
-        put_winding(added, Winding(resistance, voltage_v=0.0, lag_s=1.0))
+        put_winding(add_push(spec, joint, filter_of(joint)), Winding(resistance, voltage_v=0.0, lag_s=1.0))
 
 
 def split_joint_pd(model: mujoco.MjModel, motors: np.ndarray, dampers: np.ndarray, lag_s: np.ndarray) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from leapgap.robot.actuators import KD_OF_BIAS, KP_OF_BIAS, make_affine, set_limit
+from leapgap.robot.actuators import KD_OF_BIAS, KP_OF_BIAS, give_to_joint, make_affine, set_limit
 from leapgap.robot.dc_motors import DC_CONSTANT, DC_KD, DC_KP, POSITION_INPUT, Winding, put_winding
 from leapgap.robot.stated_actuators import JointActuator
 
@@ -16,9 +16,7 @@ def move_to_joints(spec: mujoco.MjSpec, own: Sequence[JointActuator]) -> None:
         actuator.armature, actuator.damping = 0.0, [0.0] * 3
     joints = {joint.name: joint for joint in spec.joints}
     for motor in own:
-        joint = joints[motor.joint]
-        joint.armature += motor.armature
-        joint.damping = np.asarray(joint.damping) + np.array(motor.damping)
+        give_to_joint(joints[motor.joint], motor)
 
 
 def scale_joint(spec: mujoco.MjSpec, joint: str, gain: float) -> None:

@@ -141,7 +141,8 @@ def all_digits() -> Iterator[None]:
     It writes six by default, and only a function outside its documented interface changes that; a MuJoCo without the
     function writes six.
     """
-    library = ctypes.CDLL(mujoco.__file__ and mujoco_library())
+    loaded = sorted(Path(mujoco.__file__).parent.glob("*mujoco*"))
+    library = ctypes.CDLL(str(next(one for one in loaded if ".so" in one.name or one.suffix in (".dll", ".dylib"))))
     try:
         read, write = library._mjPRIVATE__get_xml_precision, library._mjPRIVATE__set_xml_precision
     except AttributeError:
@@ -153,12 +154,3 @@ def all_digits() -> Iterator[None]:
         yield
     finally:
         write(before)
-
-
-def mujoco_library() -> str:
-    """Path of MuJoCo's own library, which the Python package has loaded."""
-    folder = Path(mujoco.__file__).parent
-    return str(next(path for path in sorted(folder.glob("*mujoco*")) if ".so" in path.name or path.suffix in LIBRARIES))
-
-
-LIBRARIES = (".dll", ".dylib")

@@ -12,13 +12,7 @@ from leapgap.errors import InputError
 from leapgap.robot.actuators import check_joint_pd, replace_actuators
 from leapgap.robot.feet import Feet, feet_of, name_contacts
 from leapgap.robot.menagerie import model_file
-from leapgap.robot.model_file import (
-    compile_spec,
-    discard_visual,
-    gravity_of,
-    keep_inertia_changeable,
-    read_spec,
-)
+from leapgap.robot.model_file import compile_spec, discard_visual, gravity_of, keep_inertia_changeable, read_spec
 from leapgap.robot.model_hash import hash_model
 from leapgap.robot.motors import MotorConstants, motors_of
 from leapgap.robot.stated_actuators import SINGLE, JointActuator, actuators_of
@@ -27,11 +21,11 @@ from leapgap.robot.topology import PartNames, Topology, indices, topology_of
 from leapgap.robot.urdf import is_urdf
 
 DEFAULT_MODEL = Path(__file__).with_name("a1.xml")
+OTHER_DESCRIPTION = "a1_2020.xml"
+"""Beside it, the maker's description of 2020, for ``diagnose.robots``; a name in code is what stages depend on."""
 ROOTED_M = 0.5
 """Blocks reach this far below the floor. A soft foot that sinks past the middle of a thin box would be pushed out at
 its underside."""
-OTHER_DESCRIPTION = "a1_2020.xml"
-"""Beside the default model: the maker's description of 2020, for ``diagnose.robots``."""
 EARTH, USUAL_GRAVITY = np.array([0.0, 0.0, -9.81]), 0.05
 """Gravity at the ground, and largest departure from it that is not worth a note, m/s²."""
 DOWNWARDS, LEAST_GRAVITY = 0.7, 0.1

@@ -15,17 +15,8 @@ LEFT_OUT = (
     *("mesh_", "bvh_", "oct_", "hfield_", "tex_", "mat_", "light_", "cam_", "skin_", "vis", "stat", "text_", "paths"),
     *("geom_rgba", "site_rgba", "tendon_rgba", "geom_matid", "site_matid", "tendon_matid", "key_", "signature"),
     *("body_invweight0", "dof_invweight0", "dof_M0", "tendon_invweight0", "tendon_length0", "actuator_acc0"),
-    *(
-        "actuator_length0",
-        "dof_length",
-        "body_subtreemass",
-        "flex",
-        "names_map",
-        "name_",
-        "nbuffer",
-        "narena",
-        "npaths",
-    ),
+    *("actuator_length0", "dof_length", "body_subtreemass", "flex", "names_map", "name_"),
+    *("nbuffer", "narena", "npaths"),
 )
 """Beginnings of the names of fields that do not count: pictures, and what MuJoCo derives from other fields.
 

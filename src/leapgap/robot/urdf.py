@@ -14,9 +14,18 @@ XACRO = "xacro"
 def is_urdf(text: str) -> bool:
     """Whether a model file is a URDF: its top element is ``robot``."""
     try:
-        return ElementTree.fromstring(text).tag.rpartition("}")[2] == "robot"  # some generators add a namespace
+        return parsed(text).tag == "robot"
     except ElementTree.ParseError:
         return False
+
+
+def parsed(text: str) -> ElementTree.Element:
+    """The tree of a URDF without the namespace that some generators put it into; parts of others keep theirs."""
+    root = ElementTree.fromstring(text)
+    own = root.tag[: root.tag.rfind("}") + 1]
+    for element in root.iter():
+        element.tag = element.tag.removeprefix(own)
+    return root
 
 
 def readable_urdf(text: str, path: Path) -> tuple[str, tuple[str, ...]]:
@@ -25,7 +34,7 @@ def readable_urdf(text: str, path: Path) -> tuple[str, tuple[str, ...]]:
     ``package://`` and relative paths of meshes become absolute ones. Shapes whose mesh is missing or of another format
     are left out. A parent link ``world`` that is not declared is added. ``InputError`` for a template of xacro.
     """
-    root = ElementTree.fromstring(text)
+    root = parsed(text)
     for element in root.iter():
         namespace, _, element.tag = element.tag.rpartition("}")
         if XACRO in namespace:

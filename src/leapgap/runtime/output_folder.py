@@ -9,6 +9,7 @@ import json
 import os
 import shutil
 import sys
+import threading
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -322,8 +323,19 @@ def system_error(error: OSError) -> InputError:
     return InputError(where, reason, "files that can be read and written", do)
 
 
-LOCKS: dict[Path, int] = {}
-"""How many blocks of this process hold the lock of a folder."""
+@dataclass
+class HeldLock:
+    """The lock of a folder that this process holds."""
+
+    descriptor: int
+    blocks: int = 0
+    """How many blocks hold the folder; the last to end frees it, whichever began first."""
+
+
+LOCKS: dict[Path, HeldLock] = {}
+"""Locks that this process holds, by their folders."""
+CHANGING = threading.RLock()
+"""Held by the thread that takes or frees one; it may collect a forgotten block, which frees another, meanwhile."""
 
 
 @contextmanager
@@ -331,32 +343,34 @@ def folder_lock(folder: Path) -> Iterator[None]:
     """Hold a folder for this process; ``InputError`` says who holds it where another one does.
 
     The lock is one of the file ``.<name>.lock`` beside the folder, which the operating system frees when its process
-    ends. Blocks of one process may hold the same folder inside each other.
+    ends. Several blocks of one process may hold the same folder, inside each other or in threads.
     """
     path = real_path(folder)
-    if path in LOCKS:
-        LOCKS[path] += 1
-        try:
-            yield
-        finally:
-            LOCKS[path] -= 1
-        return
     beside = path.with_name(f".{path.name}.lock")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = locked_file(beside, path)
-    except OSError as error:
-        found = f"a place where nothing can be written ({error.strerror})"
-        raise refusal(folder, found, "choose another output folder") from None
-    LOCKS[path] = 1
-    TEMPORARY.add(beside)
+    with CHANGING:
+        if path not in LOCKS:
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                LOCKS[path] = HeldLock(locked_file(beside, path))
+            except OSError as error:
+                found = f"a place where nothing can be written ({error.strerror})"
+                raise refusal(folder, found, "choose another output folder") from None
+            TEMPORARY.add(beside)
+        held = LOCKS[path]
+        held.blocks += 1
     try:
         yield
     finally:
-        del LOCKS[path]
-        TEMPORARY.discard(beside)
-        beside.unlink(missing_ok=True)
-        os.close(descriptor)
+        with CHANGING:
+            held.blocks -= 1
+            if held.blocks == 0:
+                LOCKS.pop(path, None)  # the interpreter empties it before it ends a block that nobody ended
+                TEMPORARY.discard(beside)
+                if fcntl is None:
+                    os.close(held.descriptor)  # Windows removes no open file
+                beside.unlink(missing_ok=True)
+                if fcntl is not None:
+                    os.close(held.descriptor)
 
 
 def locked_file(beside: Path, path: Path) -> int:

@@ -221,10 +221,7 @@ def detectability(
     replayer = Replayer(robot, threads=1)
     floor = headline_gap(noise_floor(judged, replayer, 3, rng), judged)
     nominal = replayer.motions([Rollout(jump) for jump in judged.logs])
-    figures: dict[str, Any] = {
-        "noise_floor": floor,
-        "gap_nominal": difference(logs, nominal, judged),
-    }
+    figures: dict[str, Any] = {"noise_floor": floor, "gap_nominal": difference(logs, nominal, judged)}
     if len(own[0]) == 1:
         return figures | {"change": 0.0, "detectable": False, "changes": [], "where": []}
     clean = [g.clean for g in generated]

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from leapgap.diagnosis.report import Cause, ReportContent, round_floats
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.log import Log
 from leapgap.logs.reading import read_foreign
+from leapgap.logs.segments import runs_of
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import MODEL, write_corrected
 
@@ -99,9 +99,8 @@ def published_pushes(tables: Path, columns: Mapping[str, str]) -> list[Published
         time = table["time"] - table["time"][0]
         for joint, column in columns.items():
             torque = table[column]
-            edges = np.flatnonzero(np.diff(np.concatenate([[False], np.abs(torque) > PUSHED, [False]]).astype(int)))
-            for begin, end in list(pairwise(edges.tolist()))[::2]:
-                own, at = torque[begin:end], time[begin:end]
+            for run in runs_of(np.abs(torque) > PUSHED):
+                own, at = torque[run], time[run]
                 impulse = float(np.trapezoid(own, at))
                 found.append(PublishedPush(path.stem, joint, float(np.trapezoid(own * at, at)) / impulse, impulse))
     return found

@@ -1,14 +1,12 @@
 """Which cases are diagnosed again with knowledge of their truth, and what comes of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from leapgap.diagnosis.settings import Settings as Diagnosing
 from leapgap.runtime.atomic_io import read_json
 from leapgap.validation.outcome import CLAIMS, CaseOutcome, outcome
-from leapgap.validation.scoring import is_missed
 
 UNMADE = ("sensor", "jumps")
 """Kinds of experiments that cannot be made: the generator has no sensors beside the state, and plans no jumps."""
@@ -26,24 +24,14 @@ class Seen:
     first: CaseOutcome
 
 
-def ablation_cases(cases: list[Seen], number: int) -> list[Seen]:
-    """Cases of detectable single effects that were named first: one per effect, at most ``number`` (−1: all)."""
+def ablation_cases(cases: list[Seen], number: int | None) -> list[Seen]:
+    """Cases of detectable single effects that were named first: one per effect, at most ``number`` (None: all)."""
     chosen: dict[str, Seen] = {}
     for case in cases:
         first = case.first
         if first.kind == "single" and first.detectable and first.first == first.true[0]:
             chosen.setdefault(first.true[0], case)
-    return at_most(number, list(chosen.values()))
-
-
-def at_most(number: int, cases: list[Seen]) -> list[Seen]:
-    """The first ``number`` cases; all of them where it is −1."""
-    return cases if number < 0 else cases[:number]
-
-
-def without(settings: Diagnosing, effect: str) -> Diagnosing:
-    """The diagnosis's settings without one hypothesis."""
-    return replace(settings, without=[*settings.without, effect])
+    return list(chosen.values())[:number]
 
 
 def ablation_result(case: Seen, folder: Path) -> dict[str, Any]:
@@ -73,32 +61,22 @@ def ablation_result(case: Seen, folder: Path) -> dict[str, Any]:
     }
 
 
-def experiment_cases(cases: list[Seen], number: int) -> list[Seen]:
+def experiment_cases(cases: list[Seen], number: int | None) -> list[Seen]:
     """Cases of detectable effects of the table with an ambiguous verdict that proposes further jumps."""
-    asking = [
+    asking = (
         case
         for case in cases
         if case.first.kind in ("single", "pair", "triple")
         and case.first.verdict == "ambiguous"
         and case.first.detectable
         and is_runnable(case.report.get("next_experiment") or {})
-    ]
-    return at_most(number, asking)
+    )
+    return list(asking)[:number]
 
 
 def is_runnable(proposal: Mapping[str, Any]) -> bool:
     """Whether the generator can make a proposal: by settings of ``collect``, or without new sensors."""
     return bool(proposal.get("collect")) or proposal.get("settings", {}).get("kind", UNMADE[0]) not in UNMADE
-
-
-def proposed_experiment(case: Seen) -> list[str]:
-    """The next experiment that a report proposes, as settings of ``collect``; empty for another experiment."""
-    return [str(line) for line in case.report["next_experiment"].get("collect", ())]
-
-
-def missed_cases(cases: list[Seen], number: int) -> list[Seen]:
-    """Cases in which an effect of the table shows and was not found (``scoring.is_missed``)."""
-    return at_most(number, [case for case in cases if is_missed(case.first)])
 
 
 def is_feasible(case: Seen, overrides: list[str]) -> bool:

@@ -50,6 +50,8 @@ def text_columns(path: Path, options: CsvOptions, wanted: Wanted) -> dict[str, n
     with opened(path) as file:
         check_lines(file, path, options)
     read = pa.csv.ReadOptions(skip_rows=options.skip_rows, autogenerate_column_names=not options.header)
+    if options.header and options.delimiter == " " and (marked := names_behind_mark(path, options.skip_rows)):
+        read = pa.csv.ReadOptions(skip_rows=options.skip_rows + 1, column_names=marked)
     try:
         parse = pa.csv.ParseOptions(delimiter=options.delimiter)
         with opened(path) as file:
@@ -65,6 +67,14 @@ def text_columns(path: Path, options: CsvOptions, wanted: Wanted) -> dict[str, n
         raise InputError(path, f"{number[twice]} columns {twice}", "one of each name", "rename them")
     columns = {name: column.to_numpy() for name, column in zip(names, table.columns, strict=True) if wanted(name)}
     return {name: with_lists(values, f"{path}, column {name}") for name, values in columns.items()}
+
+
+def names_behind_mark(path: Path, row: int) -> list[str]:
+    """Names of columns in a line that begins with a mark of comments, as NumPy writes it; none in any other line."""
+    with opened(path) as file:
+        lines = file.read(CHUNK_BYTES).decode(errors="replace").split("\n")
+    mark, *names = lines[row].split() if row < len(lines) else [""]
+    return names if mark in ("#", "%") else []
 
 
 def with_lists(values: np.ndarray, where: str) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from leapgap.errors import InputError, needs
 from leapgap.logs.importers.table_format import TableFormat
-from leapgap.logs.importers.tables import Arrays, Wanted, check_size, product
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size, fields, product
 from leapgap.logs.unpacking import unpack
 
 DEFLATE, SHUFFLE, CHECKSUM = 1, 2, 3
@@ -48,10 +48,7 @@ def hdf5_arrays(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
             raise InputError(f"{path}, {name}", "data in another file", "data in this file", "copy them into it")
         check_size(f"{path}, {name}", item.size * item.dtype.itemsize / 8 + sum(one.size for one in arrays.values()))
         check_chunks(item, f"{path}, {name}")
-        values = item[()]
-        arrays.update(
-            {name: values} if item.dtype.names is None else {f"{name}.{f}": values[f] for f in values.dtype.names}
-        )
+        arrays.update(fields(name, item[()]))
 
     try:
         with h5py.File(path, "r") as file:

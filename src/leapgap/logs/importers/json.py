@@ -23,10 +23,29 @@ class Json(TableFormat):
     suffixes = (".json", ".jsonl")
 
     def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
-        """The wanted columns; a list in a record is a row of an array."""
+        """The wanted columns; a list in a record is a row of an array.
+
+        Lists beside one with the same names in every record are also there by these names: ``position[elbow]``.
+        """
         check_size(path, path.stat().st_size / BYTES_A_VALUE)
         columns = columns_of(records(path), path)
-        return {name: as_array(values, f"{path}, {name}") for name, values in columns.items() if wanted(name)}
+        arrays = {name: as_array(values, f"{path}, {name}") for name, values in columns.items() if wanted(name)}
+        labels = {name: values[0] for name, values in columns.items() if has_names(values)}
+        for label, names in labels.items():
+            for name in [name for name in columns if name not in labels]:
+                keys = [f"{name}[{one}]" for one in names]
+                if label.rpartition(".")[0] == name.rpartition(".")[0] and any(map(wanted, keys)):
+                    values = as_array(columns[name], f"{path}, {name}")
+                    if values.ndim == 2 and values.shape[1] == len(names):
+                        arrays |= {key: own for key, own in zip(keys, values.T, strict=True) if wanted(key)}
+        return arrays
+
+
+def has_names(values: list[Any]) -> bool:
+    """Whether every record has the same list of texts."""
+    first = values[0] if values else None
+    is_list = isinstance(first, list) and len(first) > 0 and all(isinstance(one, str) for one in first)
+    return is_list and all(one == first for one in values)
 
 
 def records(path: Path) -> Any:
@@ -77,7 +96,7 @@ def flat(record: Mapping[str, Any], path: Path, head: str = "", depth: int = 0) 
 
 def as_array(values: list[Any], where: str) -> np.ndarray:
     """Numbers as float64, of shape (rows,) or (rows, n); anything else as it is, for text may cut a log."""
-    if all(value is None or isinstance(value, str) for value in values):
+    if all(value is None or isinstance(value, str) for value in values) or has_names(values):
         return np.array(values, dtype=object)
     try:
         return np.array([np.nan if value is None else value for value in values], dtype=np.float64)

@@ -7,9 +7,9 @@ grippers 0 to 100, which most followers record. With the robot's calibration the
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,10 +17,8 @@ from leapgap.errors import InputError
 from leapgap.logs.importers.parquet import parquet_arrays
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
 from leapgap.logs.importers.tables import Arrays, Table, Wanted, check_size
-from leapgap.logs.log import Log
-from leapgap.robot.model import Robot
 
-INFO, EPISODE, TIME = "meta/info.json", "episode_index", "timestamp"
+INFO, EPISODE = "meta/info.json", "episode_index"
 VERSIONS = ("v2", "v3")
 POSITION, GRIPPER = ".pos", "gripper"
 """End of the names of positions, and of the joint whose range goes from 0 to 100."""
@@ -48,17 +46,12 @@ class LeRobot(TableFormat):
     name = "lerobot"
     suffixes = (".parquet",)
     Options = LeRobotOptions
+    columns: ClassVar[Mapping[str, str]] = {"time": "timestamp"}
 
     def find(self, source: Path) -> dict[str, Path]:
         """The dataset that a folder is, or the datasets in it."""
         folders = [source, *sorted(one for one in source.glob("*") if one.is_dir())]
         return {folder.name: folder for folder in folders if (folder / INFO).is_file()}
-
-    def read_all(self, path: Path, name: str, robot: Robot, options: LeRobotOptions) -> list[Log]:
-        """The episodes of a dataset; its ``timestamp`` is the time unless another column is mapped."""
-        if "time" not in options.columns:
-            options = replace(options, columns={"time": TIME, **options.columns})
-        return super().read_all(path, name, robot, options)
 
     def first_log(self, table: Table) -> Table:
         """The first episode: the time begins anew with each."""

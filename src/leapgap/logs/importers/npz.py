@@ -9,7 +9,7 @@ from numpy.lib import format as npy
 
 from leapgap.errors import InputError
 from leapgap.logs.importers.table_format import TableFormat
-from leapgap.logs.importers.tables import Arrays, Wanted, check_size, product
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size, fields, product
 from leapgap.logs.unpacking import Bounded
 
 HEADER_BYTES = 100_000
@@ -57,10 +57,3 @@ def array_of(file: BinaryIO, where: object, taken: int) -> np.ndarray:
     check_size(where, taken + product(shape) * kind.itemsize / 8)
     file.seek(0)
     return npy.read_array(file, allow_pickle=False)
-
-
-def fields(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
-    """The array by its name, or each field of a structured one as ``name.field``."""
-    if array.dtype.names is None:
-        return {name: array}
-    return {f"{name}.{one}": array[one] for one in array.dtype.names}

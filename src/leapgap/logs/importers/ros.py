@@ -7,12 +7,12 @@ gets what was known then: commands are held, measurements are interpolated.
 import re
 import sqlite3
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,10 +20,8 @@ from leapgap.errors import InputError, needs
 from leapgap.logs.clock import held_at, increasing_rows, interpolated_at
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size
-from leapgap.logs.log import Log
 from leapgap.logs.resampling import HELD
 from leapgap.logs.unpacking import MOST_UNPACKED, Bounded, Unpacker, unpack
-from leapgap.robot.model import Robot
 from leapgap.runtime.plain_yaml import MOST_BYTES, from_yaml
 from leapgap.runtime.plain_yaml import check_size as check_values
 
@@ -71,6 +69,7 @@ class Ros(TableFormat):
     name = "ros"
     suffixes = (".bag", ".mcap", ".db3")
     Options = RosOptions
+    columns: ClassVar[Mapping[str, str]] = {TIME: TIME}
 
     def find(self, source: Path) -> dict[str, Path]:
         """Bags of a folder: files, and folders with a ``metadata.yaml``; the source may be one of them."""
@@ -78,12 +77,6 @@ class Ros(TableFormat):
             return {source.stem if source.is_file() else source.name: source}
         folders = {path.parent.name: path.parent for path in sorted(source.glob(f"*/{METADATA}"))}
         return {**super().find(source), **folders}
-
-    def read_all(self, path: Path, name: str, robot: Robot, options: RosOptions) -> list[Log]:
-        """The logs of one recording; the time of its messages is the time unless a field is mapped."""
-        if TIME not in options.columns:
-            options = replace(options, columns={TIME: TIME, **options.columns})
-        return super().read_all(path, name, robot, options)
 
     def read_table(self, path: Path, options: RosOptions, wanted: Wanted) -> Arrays:
         """The wanted fields of all topics, joined on the messages of the clock."""

@@ -4,9 +4,10 @@
 the joints in their order, ``event.csv`` when the motion began and the drives were switched off.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,19 +16,10 @@ from leapgap.logs.clock import held_at
 from leapgap.logs.importers.csv import CsvOptions, text_columns
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
 from leapgap.logs.importers.tables import Arrays, Wanted, as_numbers
-from leapgap.logs.log import Log
-from leapgap.robot.model import Robot
 
 CONTROL, STATE, EVENTS, JOINTS = "control.csv", "state_motor.csv", "event.csv", "joint_list.txt"
 TIME = "timestamp"
 BEGINS, ENDS = "MOTION_START", "DISABLE"
-COLUMNS = {
-    "time": TIME,
-    "joint_pos/*": "state_motor.positions.*",
-    "joint_vel/*": "state_motor.velocities.*",
-    "tau/*": "state_motor.torques.*",
-    "cmd_pos/*": "control.positions.*",
-}
 MOST_JOINTS = 1000
 
 
@@ -42,17 +34,19 @@ class Sage(TableFormat):
     name = "sage"
     suffixes = ()
     Options = SageOptions
+    columns: ClassVar[Mapping[str, str]] = {
+        "time": TIME,
+        "joint_pos/*": "state_motor.positions.*",
+        "joint_vel/*": "state_motor.velocities.*",
+        "tau/*": "state_motor.torques.*",
+        "cmd_pos/*": "control.positions.*",
+    }
+    units: ClassVar[Mapping[str, str]] = {"time": "us"}
 
     def find(self, source: Path) -> dict[str, Path]:
         """The run that a folder is, or the runs in it."""
         folders = [source, *sorted(one for one in source.glob("*") if one.is_dir())]
         return {one.name: one for one in folders if (one / CONTROL).is_file() and (one / STATE).is_file()}
-
-    def read_all(self, path: Path, name: str, robot: Robot, options: SageOptions) -> list[Log]:
-        """The only log of a run; where nothing is mapped, the names of the layout are."""
-        if "time" not in options.columns:
-            options = replace(options, columns={**COLUMNS, **options.columns}, units={"time": "us", **options.units})
-        return super().read_all(path, name, robot, options)
 
     def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
         """Measurements in their own rows; a command is the last one that was sent then, and stays."""

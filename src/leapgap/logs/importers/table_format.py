@@ -12,12 +12,12 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.logs.clock import check_period, increasing_rows, mean_period
+from leapgap.logs.derivatives import add_velocities
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.importers.column_map import ColumnMap, Expansion, column_order, is_ours, mapped, tied
 from leapgap.logs.importers.tables import Arrays, Table, Wanted, check_size
 from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.metadata import LONGEST_PERIOD_S
-from leapgap.logs.missing_velocities import add_velocities
 from leapgap.logs.resampling import on_even_clock
 from leapgap.logs.segments import PHASE_LENGTHS, Segment
 from leapgap.robot.model import Robot
@@ -81,6 +81,9 @@ class TableFormat(LogFormat):
     suffixes: ClassVar[tuple[str, ...]]
     """Endings of its files."""
     Options: ClassVar[type] = TableOptions
+    columns: ClassVar[Mapping[str, str]] = {}
+    units: ClassVar[Mapping[str, str]] = {}
+    """Parts of the map that the layout itself has, where the options map no time."""
 
     @abstractmethod
     def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
@@ -106,6 +109,9 @@ class TableFormat(LogFormat):
     def read_all(self, path: Path, name: str, robot: Robot, options: Any) -> list[Log]:
         """The logs of a file, whole or cut as the options say."""
         where = self.name
+        if "time" not in options.columns:
+            columns, units = {**self.columns, **options.columns}, {**self.units, **options.units}
+            options = replace(options, columns=columns, units=units)
         check_options(options, where)
         table = self.table(path, options, needed(options, robot, where))
         if options.steps is not None:
@@ -147,7 +153,7 @@ class TableFormat(LogFormat):
         if not path.exists():
             raise InputError(path, "no such file", f"a file of format {self.name}", "name the file")
         table = Table(path, self.read_table(path, options, wanted))
-        check_size(path, sum(array.size for array in table.arrays.values()), table.rows(), options.most_rows)
+        check_size(path, sum(array.size for array in table.arrays.values()), table.rows, options.most_rows)
         return table
 
 
@@ -262,7 +268,7 @@ def has_value(flags: np.ndarray, values: Sequence[Any]) -> np.ndarray:
 
 def with_summed_steps(table: Table, column: str, where: str) -> Table:
     """The table with a time that a column of steps adds up to, each the length until the next row."""
-    steps = flag(table, column, table.rows(), where)
+    steps = flag(table, column, table.rows, where)
     if steps.dtype.kind == "U" or not (steps > 0).all():
         raise InputError(f"{table.path}, column {column}", "steps that are not all positive", "lengths", "map a time")
     return Table(table.path, {**table.arrays, "time": np.concatenate([[0.0], np.cumsum(steps[:-1])])})
@@ -308,12 +314,7 @@ def finished_log(
         source.append(derived["time"])
     columns["time"] = columns["time"] - columns["time"][:1]
     info = LogInfo(
-        robot.name,
-        mean_period(columns["time"]),
-        "; ".join(source),
-        (),
-        tuple(options.segments),
-        of_jump(options, kind),
+        robot.name, mean_period(columns["time"]), "; ".join(source), (), tuple(options.segments), of_jump(options, kind)
     )
     if info.sample_period_s > LONGEST_PERIOD_S:
         found = (

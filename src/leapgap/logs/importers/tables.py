@@ -50,7 +50,7 @@ class Table:
     @property
     def columns(self) -> list[str]:
         """Names of all columns; those of an array of several dimensions by their index."""
-        rows, names = self.rows(), []
+        rows, names = self.rows, []
         for name, array in self.arrays.items():
             values = oriented(array, rows)
             if values.ndim == 1:
@@ -59,12 +59,9 @@ class Table:
                 names += [f"{name}[{','.join(map(str, at))}]" for at in np.ndindex(values.shape[1:])]
         return names
 
+    @cached_property
     def rows(self) -> int:
         """Length of the arrays that hold most values, pictures aside; 0 where there is none."""
-        return self._rows
-
-    @cached_property
-    def _rows(self) -> int:
         held: dict[int, int] = defaultdict(int)
         for array in self.arrays.values():
             if array.ndim and array.size and np.squeeze(array).ndim <= MOST_DIMENSIONS:
@@ -76,7 +73,7 @@ class Table:
         array, index = self.of_array(column) or (column, ())
         if column in self.arrays:
             array, index = column, ()
-        found = oriented(self.arrays[array], rows or self.rows())
+        found = oriented(self.arrays[array], rows or self.rows)
         at: tuple[Any, ...] = (slice(None), *index)
         try:
             values = found[at] if index else found
@@ -132,3 +129,10 @@ def as_numbers(values: np.ndarray, where: str) -> np.ndarray:
 def product(shape: Iterable[Any]) -> int:
     """Number of values of an array of that shape."""
     return math.prod(int(one) for one in shape)
+
+
+def fields(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
+    """The array by its name, or each field of a structured one as ``name.field``."""
+    if array.dtype.names is None:
+        return {name: array}
+    return {f"{name}.{one}": array[one] for one in array.dtype.names}

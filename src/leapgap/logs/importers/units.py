@@ -11,13 +11,7 @@ FINE = {"decideg": TURN / 3600, "centideg": TURN / 36000, "tick4096": TURN / 409
 UNITS: dict[str, dict[str, float]] = {
     "s": {"s": 1, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60},
     "rad": {"rad": 1, "mrad": 1e-3, "deg": TURN / 360, "rev": TURN} | FINE,
-    "rad/s": {
-        "rad/s": 1,
-        "mrad/s": 1e-3,
-        "deg/s": TURN / 360,
-        "rpm": TURN / 60,
-        "rev/s": TURN,
-    }
+    "rad/s": {"rad/s": 1, "mrad/s": 1e-3, "deg/s": TURN / 360, "rpm": TURN / 60, "rev/s": TURN}
     | {f"{unit}/s": factor for unit, factor in FINE.items()},
     "m": {"m": 1, "cm": 1e-2, "mm": 1e-3, "in": INCH, "ft": FOOT},
     "m/s": {"m/s": 1, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1 / 3.6},

@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.logs.map_proposal.matching import CLEAR
-from leapgap.logs.map_proposal.physics import MOST_ROWS, factors, mean_rates, mean_values, rows_meant
+from leapgap.logs.derivatives import angular_velocity
+from leapgap.logs.map_proposal.physics import CLEAR, factors, mean_rates, mean_values, rows_meant, usable_rows
 from leapgap.logs.map_proposal.proposal import GUESSED, SURE, Evidence
-from leapgap.logs.missing_velocities import angular_velocity
 from leapgap.robot.rotations import continuous, upright_cosine
 
 ORDERS = {"w x y z": (0, 1, 2, 3), "x y z w": (3, 0, 1, 2)}
@@ -55,8 +54,7 @@ def together(columns: Sequence[str], evidence: Evidence) -> tuple[np.ndarray, np
     """Clock, (rows,), and some columns, (rows, n), in the rows where all are finite and the time increases."""
     values = np.stack([evidence.table.numbers(column) for column in columns], axis=1)
     clock = evidence.time if evidence.time is not None else np.arange(float(len(values)))
-    rows = np.flatnonzero(np.isfinite(values).all(axis=1))
-    rows = rows[np.concatenate([[True], np.diff(np.maximum.accumulate(clock[rows])) > 0])][:MOST_ROWS]
+    rows = usable_rows(clock, values)
     return clock[rows], values[rows]
 
 

@@ -8,9 +8,8 @@ import numpy as np
 
 from leapgap.logs.importers.units import GRAVITY
 from leapgap.logs.map_proposal.attitude import Attitude, agreement, attitude_by_physics, own_rate, together, turned
-from leapgap.logs.map_proposal.matching import CLEAR
 from leapgap.logs.map_proposal.names import words
-from leapgap.logs.map_proposal.physics import mean_rates, mean_values, rows_meant
+from leapgap.logs.map_proposal.physics import CLEAR, mean_rates, mean_values, rows_meant
 from leapgap.logs.map_proposal.proposal import ABSENT, GUESSED, SURE, Evidence, Proposal
 from leapgap.logs.map_proposal.unit_readings import nearest
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES

@@ -6,8 +6,7 @@ import numpy as np
 
 from leapgap.logs.importers.table_format import UNKNOWN
 from leapgap.logs.map_proposal.joint_units import some_rows
-from leapgap.logs.map_proposal.matching import CLEAR, correlations
-from leapgap.logs.map_proposal.physics import Gains, factors, fit_gains
+from leapgap.logs.map_proposal.physics import CLEAR, Gains, correlations, factors, fit_gains
 from leapgap.logs.map_proposal.proposal import ABSENT, ASKED, GUESSED, MISSING, SURE, Evidence, Proposal
 from leapgap.robot.model import Robot
 from leapgap.robot.stated_servos import servo_gains

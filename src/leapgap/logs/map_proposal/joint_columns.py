@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from leapgap.logs.importers.units import UNITS
-from leapgap.logs.map_proposal.joint_limits import SPUN_RAD, inside, real_limits
 from leapgap.logs.map_proposal.names import Family
 from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, Evidence, Proposal
+from leapgap.logs.map_proposal.unit_readings import SPUN_RAD, inside, real_limits
 from leapgap.logs.schema import COMMANDS
 from leapgap.robot.model import Robot
 
@@ -153,7 +153,7 @@ def add_some(quantity: str, one: Family, evidence: Evidence, proposal: Proposal)
     if quantity not in ("tau", "cmd_tau") or not set(one.members) < set(theirs):
         return False
     idle = []
-    values = np.zeros((evidence.table.rows(), len(theirs)))
+    values = np.zeros((evidence.table.rows, len(theirs)))
     for i, (key, joint) in enumerate(zip(theirs, evidence.robot.joints, strict=True)):
         if key in one.members:
             proposal.put("columns", f"{quantity}/{joint}", one.members[key])

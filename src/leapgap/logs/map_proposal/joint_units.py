@@ -5,10 +5,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from leapgap.logs.importers.units import UNITS
-from leapgap.logs.map_proposal.joint_limits import inside, real_limits
-from leapgap.logs.map_proposal.matching import Match, match, shifted
 from leapgap.logs.map_proposal.names import words
-from leapgap.logs.map_proposal.physics import MOST_ROWS, factors, mean_rates, mean_values, rows_meant
+from leapgap.logs.map_proposal.physics import (
+    Match,
+    factors,
+    match,
+    mean_rates,
+    mean_values,
+    rows_meant,
+    shifted,
+    usable_rows,
+)
 from leapgap.logs.map_proposal.proposal import ABSENT, ASKED, GUESSED, MISSING, SURE, Evidence, Proposal
 from leapgap.logs.map_proposal.unit_readings import (
     CLOSE,
@@ -20,8 +27,10 @@ from leapgap.logs.map_proposal.unit_readings import (
     Numbers,
     Reading,
     Scale,
+    inside,
     nearest,
     readings,
+    real_limits,
 )
 
 GRIPPER = "gripper"
@@ -47,9 +56,7 @@ def some_rows(evidence: Evidence, *quantities: str) -> tuple[np.ndarray, ...]:
     clock = evidence.time if evidence.time is not None else evidence.instants
     assert clock is not None
     values = [evidence.values[name] for name in quantities]
-    good = np.isfinite(np.concatenate([clock[:, None], *values], axis=1)).all(axis=1)
-    later = np.concatenate([[True], clock[1:] > np.maximum.accumulate(clock)[:-1]])
-    rows = np.flatnonzero(good & later)[:MOST_ROWS]
+    rows = usable_rows(clock, np.concatenate(values, axis=1))
     return clock[rows], *(one[rows] for one in values)
 
 

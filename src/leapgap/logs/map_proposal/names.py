@@ -14,53 +14,21 @@ PER_SECOND, SPEED_UNITS = {"s", "sec", "second", "per"}, {"dps", "rpm", "degs", 
 STIFFNESS, DAMPING = {"kp", "stiffness", "pgain"}, {"kd", "damping", "dgain"}
 TIME = {"time", "t", "stamp", "timestamp", "timestamps", "clock", "ts", "times", "elapsed"}
 COUNTERS = {"tick", "ticks"}
+SECONDS, NANOSECONDS = ("sec", "secs", "seconds", "s"), ("nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds", "ns")
 COMMAND = {
-    "cmd",
-    "command",
-    "commands",
-    "commanded",
-    "des",
-    "desired",
-    "ref",
-    "reference",
-    "target",
-    "set",
-    "setpoint",
-    "goal",
-    "con",
+    *("cmd", "command", "commands", "commanded", "des", "desired", "ref", "reference", "target", "set", "setpoint"),
+    *("goal", "con", "sent", "action", "actions", "sp", "lowcmd", "clipped", "ctrl", "control", "d"),
 }
-COMMAND |= {"sent", "action", "actions", "sp", "lowcmd", "clipped", "ctrl", "control", "d"}
 MEASURED = {
-    "meas",
-    "present",
-    "observation",
-    "obs",
-    "measured",
-    "act",
-    "actual",
-    "state",
-    "fb",
-    "feedback",
-    "lowstate",
+    *("meas", "present", "observation", "obs", "measured", "act", "actual", "state", "fb", "feedback", "lowstate"),
     "joint",
 }
 SECONDHAND = {"filt", "filtered", "est", "estimated", "smooth", "lpf"}
 OTHER = {
-    "acc",
-    "accel",
-    "acceleration",
-    "ddq",
-    "qdd",
-    "fric",
-    "friction",
-    "pert",
-    "err",
-    "error",
-    "temp",
-    "temperature",
+    *("acc", "accel", "acceleration", "ddq", "qdd", "fric", "friction", "pert", "err", "error", "temp", "temperature"),
+    *("root", "projected", "gravity", "odom", "load", "index", "frame", "episode", "voltage", "max", "min", "limit"),
+    *("limits", "mode", "current", "imu", "foot", "base", "gyro", "quat", "quaternion"),
 }
-OTHER |= {"root", "projected", "gravity", "odom", "load", "index", "frame", "episode", "voltage"}
-OTHER |= {"max", "min", "limit", "limits", "mode", "current", "imu", "foot", "base", "gyro", "quat", "quaternion"}
 WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 NUMBER = re.compile(r"\d+")
 CHUNK, PART = re.compile(r"[A-Za-z0-9]+"), re.compile(r"[^./\[\]]+")

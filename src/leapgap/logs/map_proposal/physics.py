@@ -1,4 +1,4 @@
-"""What numbers say of columns: slopes of positions, factors between columns, and PD torques against measured ones."""
+"""What numbers say of columns: which go together, slopes of positions, factors between them, torques of a joint PD."""
 
 from dataclasses import dataclass
 
@@ -6,10 +6,22 @@ import numpy as np
 
 MOST_ROWS = 20_000
 """Rows that are looked at: patterns show in a part of a long log."""
-
-
 MOST_MEANT, SPAN_S = 10, 0.1
 """Rows, and at most so many s, over which rates are means: ticks of encoders are then small, and motions are not."""
+CLEAR = 0.8
+"""Correlation from which on two columns belong together."""
+BETTER = 0.1
+"""Another order, or the opposite sign, must be better by this much."""
+LATEST = 0.25
+"""What the longest delay that is tried costs of a correlation: of two explanations the faster one is believed."""
+DELAYS = 12
+
+
+def usable_rows(clock: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """The first ``MOST_ROWS`` rows in which all numbers are finite and the clock is later than before; indices."""
+    rows = np.flatnonzero(np.isfinite(np.column_stack([clock, values])).all(axis=1))
+    later = np.diff(np.maximum.accumulate(clock[rows]), prepend=-np.inf) > 0
+    return rows[later][:MOST_ROWS]
 
 
 def rows_meant(step_s: float) -> int:
@@ -51,3 +63,83 @@ def fit_gains(torque: np.ndarray, error: np.ndarray, rate_error: np.ndarray, sen
     solution, *_ = np.linalg.lstsq(design, torque, rcond=None)
     left = torque - design @ solution
     return Gains(float(solution[0]), float(solution[1]), 1 - float(left.var() / max(torque.var(), 1e-300)))
+
+
+@dataclass(frozen=True)
+class Match:
+    """How columns of one table go with those of another, one value for each of the first."""
+
+    of: np.ndarray
+    """Index of the column of the second table."""
+    sign: np.ndarray
+    """−1 where that is a mirror image, else 1."""
+    lag: np.ndarray
+    """How many rows later the second one is."""
+    correlation: np.ndarray
+    """At that lag and with that sign."""
+    clear: np.ndarray
+    """Whether the two belong together; False where the first does not move."""
+
+    @property
+    def moved(self) -> bool:
+        """Whether another order than that of the columns is found."""
+        return bool((self.of != np.arange(len(self.of))).any())
+
+
+def match(first: np.ndarray, second: np.ndarray, latest: int, named: bool) -> Match:
+    """Match columns, (rows, n) each; the second ones may be late by rows up to ``latest``, or early where negative.
+
+    Orders are tried before signs: the columns as they stand, then in another order, then as mirror images; where names
+    of joints state the order, signs come first.
+    """
+    lags = np.unique(np.round(np.linspace(0, abs(latest), DELAYS)).astype(int)) * (1 if latest >= 0 else -1)
+    lags = lags[np.argsort(np.abs(lags))]
+    found = np.nan_to_num(np.stack([correlations(*shifted(first, second, int(lag))) for lag in lags]))
+    cost = (LATEST * np.abs(lags) / max(1, abs(latest)))[:, None, None]
+
+    def best(signed: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        at = np.argmax(signed - cost, axis=0)[None]
+        return (*(np.take_along_axis(one, at, axis=0)[0] for one in (signed, signed - cost)), lags[at[0]])
+
+    (plus, plus_score, plus_lag), (minus, minus_score, minus_lag) = best(found), best(-found)
+    turned = (minus_score > plus_score + BETTER) & (minus > CLEAR)
+    of = None if named else order_of(np.where(turned, 0.0, plus), np.where(turned, 0.0, plus_score))
+    if of is None:
+        of = order_of(np.where(turned, minus, plus), np.where(turned, minus_score, plus_score))
+    joints = np.arange(first.shape[1])
+    at = (joints, joints if of is None else of)
+    return Match(
+        at[1],
+        np.where(turned[at], -1.0, 1.0),
+        np.where(turned[at], minus_lag[at], plus_lag[at]),
+        np.where(turned, minus, plus)[at],
+        np.where(turned, minus, plus)[at] > CLEAR,
+    )
+
+
+def order_of(correlation: np.ndarray, score: np.ndarray) -> np.ndarray | None:
+    """The order in which every column has its partner, that of the columns if it does; None where no order does."""
+    from scipy.optimize import linear_sum_assignment
+
+    if (np.diag(correlation) > CLEAR).all():
+        return np.arange(len(correlation))
+    rows, columns = linear_sum_assignment(-score)
+    better = score[rows, columns].mean() > np.diag(score).mean() + BETTER
+    return columns if better and (correlation[rows, columns] > CLEAR).all() else None
+
+
+def shifted(first: np.ndarray, second: np.ndarray, lag: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows that belong together where the second table is later by ``lag`` rows."""
+    rows = len(first) - abs(lag)
+    return first[max(0, -lag) :][:rows], second[max(0, lag) :][:rows]
+
+
+def correlations(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Correlation of each column of one table with each of another, (n, m); NaN for columns that do not change."""
+
+    def unit(values: np.ndarray) -> np.ndarray:
+        centred = values - values.mean(axis=0)
+        size = np.sqrt((centred**2).sum(axis=0))
+        return centred / np.where(size > 1e-9 * max(1.0, float(np.abs(values).max(initial=0))), size, np.nan)
+
+    return unit(first).T @ unit(second)

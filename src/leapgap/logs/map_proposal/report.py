@@ -1,5 +1,6 @@
 """A proposal as the text that is printed: YAML that an import takes, with what is known of it as comments."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,16 +24,18 @@ HEADINGS = (
     (UNUSED, "Columns that the map does not use:"),
 )
 PARTS = (
-    *("delimiter", "header", "joint_names", "columns", "units", "factors", "offsets", "constants", "gains"),
+    *("skip_rows", "delimiter", "decimal_point", "header"),
+    *("joint_names", "columns", "units", "factors", "offsets", "constants", "gains"),
     *("period_s", "steps", "repeated_times", "cut_by"),
 )
 MOST_COLUMNS = 10_000
 """Columns from which a map is proposed."""
-DELIMITERS = (";", "\t", " ")
+DELIMITERS, COMMENTS = (";", "\t", " "), ("#", "%")
+DECIMAL_COMMA = re.compile(r"\d,\d")
 MOST_FILES = 5
 """Files that a question names."""
 LONGEST_LINE = 1_000_000
-"""Bytes of a first line that are looked at."""
+"""Bytes of the first lines that are looked at."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,8 @@ def propose_map(source: Path, robot: Robot, format: str | None = None) -> Propos
     if written.get("header") is False:
         proposal.say(MISSING, f"names of the columns: {path.name} has no header; its columns are called 0, 1, 2, …")
     if layout.name == "csv" and source.is_dir() and proposal.notes_of(MISSING):
-        others = [one.name for one in layout.find(source).values() if first_line(one) != first_line(path)]
+        head = first_lines(path)[1][0]
+        others = [one.name for one in layout.find(source).values() if first_lines(one)[1][0] != head]
         if others:
             beside = ", ".join(sorted(others)[:MOST_FILES])
             proposal.say(MISSING, f"other columns in {beside}: if they are of the same run, join them on one clock")
@@ -105,22 +109,46 @@ def propose_map(source: Path, robot: Robot, format: str | None = None) -> Propos
 
 
 def as_written(layout: TableFormat, path: Path) -> dict[str, Any]:
-    """How a text table is written, as options: its delimiter, and whether its first row names the columns."""
+    """How a text table is written, as options: lines before it, its delimiter, a decimal comma, and no header."""
     if layout.name != "csv":
         return {}
-    first = first_line(path)
-    found: dict[str, Any] = {}
-    if "," not in first and (delimiter := next((one for one in DELIMITERS if one in first), None)):
-        found["delimiter"] = delimiter
-    cells = first.split(found.get("delimiter", ","))
-    return found | ({"header": False} if all(map(is_number, cells)) else {})
+    before, (first, second) = first_lines(path)
+    delimiter = delimiter_of(first, second)
+    found: dict[str, Any] = {"skip_rows": before} if before else {}
+    found |= {"delimiter": delimiter} if delimiter != "," else {}
+    found |= {"decimal_point": ","} if delimiter != "," and DECIMAL_COMMA.search(second) else {}
+    return found | ({"header": False} if is_of_numbers(first, delimiter) else {})
 
 
-def first_line(path: Path) -> str:
-    """The first line of a text."""
+def first_lines(path: Path) -> tuple[int, list[str]]:
+    """How many lines of comments a text begins with, and the two lines after them.
+
+    A line of names that begins like a comment, as NumPy writes it, has numbers below it, as many as names.
+    """
     check_file(path, "a text table", "copy the file itself")
     with opened(path) as file:
-        return file.read(LONGEST_LINE).partition(b"\n")[0].decode("utf-8", errors="replace").strip()
+        text = file.read(LONGEST_LINE).decode("utf-8-sig", errors="replace")
+    lines = [line.strip() for line in text.split("\n")]
+    before = 0
+    while lines[before].startswith(COMMENTS) and before + 1 < len(lines):
+        one = delimiter_of(lines[before + 1], lines[before + 1])
+        if is_of_numbers(lines[before + 1], one) and lines[before].lstrip("#% ").count(one) == lines[before + 1].count(
+            one
+        ):
+            break
+        before += 1
+    return before, [*lines[before : before + 2], ""][:2]
+
+
+def delimiter_of(line: str, numbers: str) -> str:
+    """What separates the cells of a line; a comma, unless there is none or the ``numbers`` below have decimal ones."""
+    found = [one for one in DELIMITERS if one in line and ("," not in line or is_of_numbers(numbers, one))]
+    return found[0] if found else ","
+
+
+def is_of_numbers(line: str, delimiter: str) -> bool:
+    """Whether all cells of a line are numbers."""
+    return all(is_number(cell if delimiter == "," else cell.replace(",", ".")) for cell in line.split(delimiter))
 
 
 def is_number(text: str) -> bool:

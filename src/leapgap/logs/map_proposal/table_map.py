@@ -94,10 +94,13 @@ def tell_unused(columns: Sequence[str], table: Table, robot: Robot, proposal: Pr
     used = used_columns(robot, proposal)
     if names := in_groups([column for column in columns if column not in used]):
         proposal.say(UNUSED, names)
-    others = {name: array for name, array in table.arrays.items() if not array.ndim or table.rows() not in array.shape}
+    others = {name: array for name, array in table.arrays.items() if not array.ndim or table.rows not in array.shape}
     if names := in_groups(list(others)):
         proposal.say(UNUSED, f"not part of the log, of another length: {names}")
     texts = [name for name in table.columns if name in table.arrays and table.arrays[name].dtype.kind in "OSU"]
+    empty = [name for name in table.columns if has_numbers(table, name) and not is_numeric(table, name)]
+    if names := in_groups([name for name in empty if name not in others]):
+        proposal.say(UNUSED, f"no number in any sample: {names}")
     if names := in_groups([name for name in texts if name not in others]):
         proposal.say(UNUSED, f"texts, which can cut the log or drop rows (cut_by, drop_rows): {names}")
 
@@ -118,11 +121,17 @@ def used_columns(robot: Robot, proposal: Proposal) -> set[str]:
     used = {str(proposal.options.get(part, "")) for part in ("cut_by", "steps")}
     for ours, theirs in proposal.options.get("columns", {}).items():
         quantity, _, place = ours.partition("/")
-        used |= {their_column(quantity, joint, proposal) for joint in robot.joints} if place == "*" else {str(theirs)}
+        named = set(theirs) if isinstance(theirs, Mapping) else {str(theirs)}
+        used |= {their_column(quantity, joint, proposal) for joint in robot.joints} if place == "*" else named
     return used
+
+
+def has_numbers(table: Table, column: str) -> bool:
+    """Whether a column is as long as most and of a numeric type."""
+    values = table.values(column)
+    return values.dtype.kind in "biufMm" and len(values) == table.rows
 
 
 def is_numeric(table: Table, column: str) -> bool:
     """Whether a column is as long as most and holds numbers."""
-    values = table.values(column)
-    return values.dtype.kind in "biufMm" and len(values) == table.rows()
+    return has_numbers(table, column) and bool(np.isfinite(table.values(column)).any())

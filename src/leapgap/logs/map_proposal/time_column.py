@@ -6,7 +6,7 @@ import numpy as np
 
 from leapgap.logs.clock import PERIOD_TOLERANCE
 from leapgap.logs.importers.units import UNITS
-from leapgap.logs.map_proposal.names import time_columns, words
+from leapgap.logs.map_proposal.names import NANOSECONDS, SECONDS, time_columns, words
 from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE, Evidence, Proposal
 from leapgap.logs.map_proposal.unit_readings import Reading
 
@@ -20,7 +20,17 @@ MOST_STATES = 10
 
 
 def find_time(columns: Sequence[str], evidence: Evidence, proposal: Proposal) -> None:
-    """The clock: named so, increasing, and with the steps of a loop in some unit; else a column of steps."""
+    """The clock: named so, increasing, and with the steps of a loop in some unit; else a column of steps.
+
+    Seconds and nanoseconds in two columns, as stamps of ROS have them, are one clock.
+    """
+    if pair := seconds_and_nanoseconds(columns):
+        whole, rest = (evidence.table.instants(column) for column in pair)
+        instants = whole + 1e-9 * rest
+        if units := units_of_time(instants, "s", evidence.stated.get("period_s")):
+            proposal.put("columns", "time", {pair[0]: 1, pair[1]: 1e-9})
+            evidence.instants, evidence.time_units = instants, units[:1]
+            return
     for column in time_columns(columns):
         instants = evidence.table.instants(column)
         units = units_of_time(instants, column, evidence.stated.get("period_s"))
@@ -33,7 +43,21 @@ def find_time(columns: Sequence[str], evidence: Evidence, proposal: Proposal) ->
         if "dt" in words(column) and len(steps) and (steps > 0).all():
             find_steps(column, steps, evidence, proposal)
             return
+    for name, array in evidence.table.arrays.items():
+        if array.size == 1 and array.dtype.kind in "biuf" and "dt" in words(name) and array.item() > 0:
+            find_steps(name, np.full(evidence.table.rows, float(array.item())), evidence, proposal)
+            return
     proposal.say(MISSING, "a column with time stamps: map columns.time, or state period_s if the rows are even")
+
+
+def seconds_and_nanoseconds(columns: Sequence[str]) -> tuple[str, str] | None:
+    """Two columns that hold whole seconds and the rest in nanoseconds, by their names; None without such."""
+    by_words = {tuple(words(column)): column for column in columns}
+    for said, column in by_words.items():
+        rests = [by_words[*said[:-1], one] for one in NANOSECONDS if (*said[:-1], one) in by_words]
+        if said and said[-1] in SECONDS and rests:
+            return column, rests[0]
+    return None
 
 
 def units_of_time(instants: np.ndarray, column: str, period_s: float | None) -> list[str]:
@@ -83,6 +107,7 @@ def judge_time(columns: Sequence[str], reading: Reading | None, evidence: Eviden
     if unit != "s" and "period_s" not in proposal.options:
         proposal.put("units", "time", unit)
     if column is not None:
+        column = column if isinstance(column, str) else " and ".join(column)
         longest = f"median {1e3 * np.median(step):.4g}, longest {1e3 * step.max():.4g}"
         said = f"time is {column} in {unit}: steps of {1e3 * step.mean():.4g} ms on average ({longest})"
         rivals = [one for one in evidence.time_units if one != unit]

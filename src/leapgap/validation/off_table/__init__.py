@@ -1,21 +1,22 @@
 """Off-table effects: the diagnosis has no hypothesis for them, so the right verdict is ``unknown``."""
 
+import sys
 from functools import cache
 
 from leapgap.errors import InputError
+from leapgap.registry import classes_by_name
 from leapgap.simulation.off_table import BentCalf
-from leapgap.validation.off_table import crosstalk, loads, measurement, motors, pulls, structure
 from leapgap.validation.off_table.base import OffTableEffect
 
-FAMILIES = (pulls, loads, motors, crosstalk, structure, measurement)
+ENTRY_POINTS = "leapgap.off_table_effects"
+"""Group under which other packages offer further ones."""
 
 
 @cache
 def families() -> dict[str, type[OffTableEffect] | type[BentCalf]]:
     """All off-table effects by name, in alphabetical order."""
     by_name: dict[str, type[OffTableEffect] | type[BentCalf]] = {BentCalf.name: BentCalf}
-    for module in FAMILIES:
-        by_name |= {kind.name: kind for kind in module.KINDS}
+    by_name |= classes_by_name(sys.modules[__name__], OffTableEffect, ENTRY_POINTS)
     return dict(sorted(by_name.items()))
 
 

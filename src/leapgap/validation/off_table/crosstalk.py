@@ -40,6 +40,3 @@ def neighbour(robot: Robot, joint: int) -> int:
         if robot.joints[joint] in members:
             return robot.joints.index(members[(members.index(robot.joints[joint]) + 1) % len(members)])
     return joint
-
-
-KINDS: tuple[type[OffTableEffect], ...] = (Crosstalk,)

@@ -79,6 +79,3 @@ class LooseBattery(MovingMass):
     def mount(self, model: mujoco.MjModel, joint: int) -> None:
         """Set the friction of the tray; its stops are the limits of the slide."""
         model.dof_frictionloss[model.jnt_dofadr[joint]] = BATTERY_FRICTION * self.mass_kg * GRAVITY
-
-
-KINDS: tuple[type[OffTableEffect], ...] = (SloshingPayload, LooseBattery)

@@ -59,6 +59,3 @@ class PacketLoss(OffTableEffect):
         return Commands(
             commands.torque[last_received], commands.position[last_received], commands.velocity[last_received]
         )
-
-
-KINDS: tuple[type[OffTableEffect], ...] = (TiltedImu, PacketLoss)

@@ -129,6 +129,3 @@ class DeadBand(OffTableEffect):
             data.qfrc_applied[motors.dofs] -= np.clip(motors.torque(data), -self.torque_nm, self.torque_nm)
 
         return take
-
-
-KINDS: tuple[type[OffTableEffect], ...] = (Backlash, Cogging, DeadBand)

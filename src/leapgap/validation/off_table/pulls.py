@@ -105,6 +105,3 @@ def top_of_ground(jump: Log, point: np.ndarray) -> float:
         if abs(point[0] - box.x_m) < box.size_m[0] / 2 and abs(point[1] - box.y_m) < box.size_m[1] / 2
     ]
     return max(tops, default=0.0)
-
-
-KINDS: tuple[type[OffTableEffect], ...] = (Tether, Wind, StickyFloor)

@@ -26,6 +26,3 @@ class CableSpring(OffTableEffect):
             model.jnt_stiffness[joint] = self.stiffness_nm_rad
             if model.nkey:
                 model.qpos_spring[address] = robot.model.key_qpos[0, address]
-
-
-KINDS: tuple[type[OffTableEffect], ...] = (CableSpring,)

@@ -21,16 +21,15 @@ from leapgap.reports.verdict_jobs import Job
 from leapgap.robot.model import Robot
 from leapgap.robot.self_contained import own_model
 from leapgap.runtime.atomic_io import read_json, write_json, write_metrics
-from leapgap.runtime.cache import ResultCache, result_key
+from leapgap.runtime.cache import ResultCache, foreign_code, result_key
 from leapgap.runtime.executor import Executor
-from leapgap.runtime.import_closure import code_hash
-from leapgap.validation.bench_table import line, markdown, row_of, row_without_answer, summary
 from leapgap.validation.case import published_case, write_case
 from leapgap.validation.half_scores import ScoreSettings, open_outcome
 from leapgap.validation.outcome import truth_in_words
 from leapgap.validation.realised_reduction import realised_closure
 from leapgap.validation.seal import PUBLISHED, SEALS, open_truth
 from leapgap.validation.withholding import write_truth
+from stages.bench_table import line, markdown, row_of, row_without_answer, summary
 
 VERDICTS, ROWS, TIMES = "verdicts", "rows", "times.json"
 ROBOTS = "robots"
@@ -151,7 +150,7 @@ def judge(cache: ResultCache, limit_s: int, robot: Robot, job: Job) -> tuple[str
     truths = job.logs.parent.parent / "truth"
     place = f"{ROWS}/{job.logs.parent.parent.name}/{job.name}"
     scored_from = [key, read_json(truths / f"{job.name}.json"), read_json(verdict / TIMES)]
-    of_row = result_key(realised_closure, [*scored_from, code_hash(row_of.__module__)])
+    of_row = result_key(realised_closure, [*scored_from, foreign_code(row_of.__module__)])
     path = cache.folder / f"{place}.json"
     if cache.get(place, of_row) is None:
         row = scored(job, verdict, truths, robot)

@@ -1,4 +1,9 @@
-"""Print where the results are and how to open them; the last step of `make run`."""
+"""Print where the results are and how to open them; the last step of `make run`.
+
+Examples:
+
+    python -m stages.print_results
+"""
 
 from pathlib import Path
 
