@@ -13,7 +13,8 @@ from leapgap.robot.model import Robot
 
 SERVO = """
 <mujoco model="servo"><compiler angle="radian" autolimits="true"/><option timestep="{step}" integrator="implicitfast"/>
-<worldbody><body name="link"><joint name="servo" axis="0 1 0" range="-2 2" damping="0.5" armature="0.03" frictionloss="0.04"/>
+<worldbody><body name="link">
+<joint name="servo" axis="0 1 0" range="-2 2" damping="0.5" armature="0.03" frictionloss="0.04"/>
 <geom type="capsule" fromto="0 0 0 0.11 0 0" size=".012" mass=".13"/></body></worldbody>
 <actuator><position joint="servo" kp="16" forcerange="-3 3"/></actuator></mujoco>"""
 TICK = 2 * np.pi / 4096

@@ -1,18 +1,23 @@
 """What is known of the logs is computed once: states, noise, and the noise of the starts of replays."""
 
 from collections import Counter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from leapgap.diagnosis import judged_logs
+from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
+from leapgap.diagnosis.settings import Settings
+from leapgap.errors import InputError
 from leapgap.logs import state
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
+from tests.diagnosis import pd_arms
 from tests.diagnosis.test_other_motions import ACROBOT, even, swing, without_velocities
 
 LOGS = 3
@@ -70,3 +75,10 @@ def test_starts_are_as_noisy_as_positions_and_fitted_velocities(acrobot: Robot, 
     # The slope of n rows h apart has the deviation sigma sqrt(12 / n³) / h; 15 or 16 rows are within 30 ms.
     assert middle[2:] == pytest.approx(middle[:2] * np.sqrt(12 / 15.5**3) / 0.002, rel=0.2)
     assert (end[2:] > 3 * middle[2:]).all()
+
+
+@pytest.mark.parametrize("rows", [2, 5, 12, 20])
+def test_logs_shorter_than_a_horizon_are_refused(rows: int, tmp_path: Path) -> None:
+    logs = [log.first_rows(rows) for log in pd_arms.logs(number=2, seconds=2.0)]
+    with pytest.raises(InputError, match=r"s at most; expected more than 0\.1 s; log longer motions"):
+        diagnose(logs, pd_arms.robot(tmp_path), Settings())

@@ -45,7 +45,7 @@ from leapgap.diagnosis.report import Headline, HorizonError, Profile, ReportCont
 from leapgap.diagnosis.rival_fits import Undecided, undecided_of
 from leapgap.diagnosis.selection import find_causes
 from leapgap.diagnosis.settings import Settings
-from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts
+from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts, check_length
 from leapgap.diagnosis.slow_causes import judge_slow_causes
 from leapgap.diagnosis.summary import causes_of, not_judged, profiles_of, sentence
 from leapgap.effects.base import Effect, overrides
@@ -205,6 +205,7 @@ def prepare(
     """
     slots = max((len(log.info.terrain) for log in logs), default=0)
     given = JudgedLogs.of(logs, robot, settings.sizes)
+    check_length(given.logs, max(settings.horizon_s, settings.where_horizon_s))
     checks = run_checks(given.logs, robot, settings.check_thresholds, logs)
     if any(check.reads is not None for check in checks):
         given = JudgedLogs.of(as_read(logs, checks), robot, settings.sizes)

@@ -103,6 +103,13 @@ class StateChannels:
         return noise_in_rows(log.time, np.concatenate([0 * steps[:1], steps.cumsum(axis=0)]), noise)
 
 
+def check_length(logs: Sequence[Log], horizon_s: float) -> None:
+    """Raise ``InputError`` where no log lasts longer than a horizon."""
+    if all(len(log) <= log.info.rows(horizon_s) for log in logs):
+        longest = max(len(log) * log.info.sample_period_s for log in logs)
+        raise InputError("logs", f"{longest:g} s at most", f"more than {horizon_s:g} s", "log longer motions")
+
+
 def thin_evenly(rows: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
     """Thin the rows of all logs together evenly to at most ``most``, so that logs keep different rows."""
     lengths = [len(own) for own in rows]
@@ -226,13 +233,11 @@ class ShortRollouts:
     ) -> "ShortRollouts":
         """Cut logs to at most ``most`` pieces of a horizon, compared every ``every_s``; without whitening yet."""
         logs = [of_log.log for of_log in states]
+        check_length(logs, horizon_s)
         state = StateChannels.of(logs, replayer.robot, replayer.sensors)
         number = np.arange(1, round(horizon_s / every_s) + 1)
         ages = [number * log.info.rows(every_s) for log in logs]
         rows = thin_evenly([np.arange(0, len(log) - a[-1], a[-1]) for log, a in zip(logs, ages, strict=True)], most)
-        if not any(map(len, rows)):
-            longest = max(len(log) * log.info.sample_period_s for log in logs)
-            raise InputError("logs", f"{longest:g} s at most", f"more than {horizon_s:g} s", "log longer motions")
         pieces = [Pieces.of(of, own.tolist(), a, state) for of, own, a in zip(states, rows, ages, strict=True)]
         return ShortRollouts(state, replayer, tuple(pieces), ())
 
