@@ -24,7 +24,7 @@ from leapgap.jumping.control.jump_sequence import JumpSequence, SequenceConfig
 from leapgap.jumping.control.landing import LandingConfig, LandingMpc
 from leapgap.jumping.control.late_stance import LateStance
 from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.control.mpc_controller import JumpMpc
+from leapgap.jumping.control.mpc_controller import DepartingMpc, JumpMpc
 from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shift_horizon import ShiftGrid
@@ -198,6 +198,7 @@ def controllers(robot: Robot, reference: Reference, rng: np.random.Generator) ->
         yield mpc("daqp")
         yield mpc("osqp")
         yield mpc(str(rng.choice(("daqp", "osqp"))), WildModel(model, 10.0 ** float(rng.uniform(-3, 6))))
+        yield DepartingMpc(reference, robot, gains, model, MpcConfig())
         yield ExcitedController(mpc("daqp"), Excitation(40.0), rng)
         yield LandingMpc(robot, reference.joint_pos[0], LandingConfig(), A1_BODY)
         jumps = [JointPd(reference, robot, gains), mpc("daqp")]

@@ -39,6 +39,13 @@ class ForceLimits:
         if self.from_plan_n is not None and not 0 < self.from_plan_n < np.inf:
             raise ValueError(f"{self}: from_plan_n finite and above 0, or none")
 
+    def within(self, force: np.ndarray) -> np.ndarray:
+        """Forces (4,), N, of both pairs, each axis moved to its nearest value within bounds and cone."""
+        found = force.copy()
+        found[FORCE_Z] = np.clip(force[FORCE_Z], self.smallest_n, self.largest_n)
+        found[FORCE_X] = np.clip(force[FORCE_X], -self.friction * found[FORCE_Z], self.friction * found[FORCE_Z])
+        return found
+
 
 @dataclass(frozen=True)
 class PreparedQp:

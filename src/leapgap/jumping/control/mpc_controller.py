@@ -103,7 +103,7 @@ class DepartingMpc(JumpMpc):
         if not any(contact):
             return torque, force
         decided = self._decided(time_s, estimate, frame)
-        departs = (decided - self._mean) * PUSHING[contact]
+        departs = (self.config.limits.within(force + decided - self._mean) - force) * PUSHING[contact]
         pose = self._measured_pose(time_s, estimate)
         return torque + self.legs.planar_torque(*pose, departs, frame), force + departs
 
