@@ -257,9 +257,8 @@ def pushes_beside(answer: "FoundAnswer", ready: ReadyLogs, settings: Settings) -
     effects = answer.judgement.selected.typical_effects(answer.heldout_gap.names)
     forces = unexplained(found.forces, ready.given, ready.replayer, effects)
     alike = {(one.at, one.axis, one.impulse > 0) for one in forces}
-    if len(forces) >= RECURRING and len(alike) == 1:
-        return OutsideForces()
-    if not forces or not is_explained(without_pushes(answer.moments, forces)):
+    of_the_robot = len(forces) >= RECURRING and len(alike) == 1
+    if not forces or of_the_robot or not is_explained(without_pushes(answer.moments, forces)):
         return OutsideForces()
     return without_moments(forces, ready.judged, settings.outside)
 

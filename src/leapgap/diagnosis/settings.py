@@ -90,8 +90,7 @@ class Settings:
 
     def by_evidence(self, robot: Robot, logs: Sequence[Log]) -> bool:
         """Whether the search is by evidence, whose intervals are of nearly one length."""
-        lengths = [(np.diff(log.time), log.info.sample_period_s) for log in logs]
-        usual = not robot.has_free_base and all(own.std() <= NEARLY_EVEN * period for own, period in lengths)
+        usual = not robot.has_free_base and all(log.row_lengths.std() <= NEARLY_EVEN for log in logs)
         return self.engine == "evidence" or (self.engine == "by_robot" and usual)
 
     def noise_draws_of(self, rows: int) -> int:

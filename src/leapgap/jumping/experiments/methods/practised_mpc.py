@@ -49,7 +49,7 @@ class PractisedMpcSettings(MethodSettings):
         return MpcMethod(rig.robot, rig.bench.references, learned.gains, NominalDeviation(rig.body), config)
 
     def rounds_of(self, rig: "Rig") -> PracticeRounds:
-        """How it practises."""
+        """Rounds, jumps and targets of its practice, by the settings of the rig."""
         return rig.settings.learned.practice
 
     def plans(self, rig: "Rig") -> References:
