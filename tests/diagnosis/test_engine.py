@@ -42,28 +42,35 @@ def test_evidence_and_posterior_are_those_of_a_dense_gaussian() -> None:
 
 
 def test_whitened_errors_have_the_likelihood_of_the_whole_process() -> None:
-    """State of two, one force, position measured four times: the filter agrees with the joint Gaussian."""
+    """State of two, one force, position measured four times: the filter agrees with the joint Gaussian.
+
+    What derivatives miss adds two independent errors in each step.
+    """
     rng = np.random.default_rng(5)
     steps, level, dt = 4, 0.6, 0.01
     transition = rng.standard_normal((1, steps, 2, 2)) * 0.3 + np.eye(2)
     force = rng.standard_normal((1, steps, 2, 1))
     noise, start = rng.uniform(0.1, 0.4, (1, steps, 1)), np.array([[0.5, 0.3]])
-    own = Filter.of(transition, force, noise, start, np.array([0]), level, dt)
+    root = rng.standard_normal((steps, 2, 2)) * 0.2
+    missed = (root @ root.transpose(0, 2, 1))[None]
+    own = Filter.of(transition, force, missed, noise, start, np.array([0]), level, dt)
     known, measured = rng.standard_normal((1, steps, 2, 1)) * 0.1, rng.standard_normal((1, steps, 1, 1))
     whitened = own.whiten(known, measured)
     found = -0.5 * ((whitened**2).sum() + own.log_determinant.sum() + steps * np.log(2 * np.pi))
-    # Every state is a sum of independent unit numbers: two of the start, and one force and its renewals.
+    # Every state is a sum of independent unit numbers: two of the start, one force and its renewals, two of each step.
     stay = np.exp(-dt / CORRELATION_S)
     forces = np.zeros((steps, 2 + steps))
     forces[0, 2] = level
     for k in range(1, steps):
         forces[k] = stay * forces[k - 1]
         forces[k, 2 + k] += level * np.sqrt(1 - stay**2)
-    state, mean = np.zeros((2, 2 + steps)), np.zeros(2)
+    state, mean = np.zeros((2, 2 + 3 * steps)), np.zeros(2)
+    forces = np.pad(forces, ((0, 0), (0, 2 * steps)))
     state[:, :2] = np.diag(start[0])
     rows, means = [], []
     for k in range(steps):
         state = transition[0, k] @ state + force[0, k] @ forces[k : k + 1]
+        state[:, 2 + steps + 2 * k : 4 + steps + 2 * k] += root[k]
         mean = transition[0, k] @ mean + known[0, k, :, 0]
         rows.append(state[0])
         means.append(mean[0])

@@ -13,6 +13,7 @@ from leapgap.diagnosis.engine.intervals import Effects, Intervals
 from leapgap.diagnosis.engine.responses import Columns, Linearisation, shared
 from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
 from leapgap.diagnosis.hypotheses import Hypothesis, places
+from leapgap.diagnosis.other_simulations import SimulationSettings
 from leapgap.diagnosis.sensitivities import tolerance, usable
 from leapgap.diagnosis.short_rollouts import FINE
 from leapgap.effects.base import Effect, overrides
@@ -47,6 +48,12 @@ SMALL = {
     "velocity_gain.scale": 0.03,
 }
 """Standard deviations of further numbers, in their units: no robot is built, and no contact simulated, more exactly."""
+OTHER_CONTACTS = (
+    SimulationSettings(slack=1.2),
+    SimulationSettings(width=1.2),
+    SimulationSettings(friction_impedance=0.5),
+    SimulationSettings(other_cone=True),
+)
 LATE = ("command_delay", "state_latency")
 QUARTER = 0.25
 """Share of a row by which it is not known when commands act and states are measured."""
@@ -95,13 +102,13 @@ class Basis:
         """The same of some of the ``chunks``, bool (chunks,)."""
         of, longest = self.linearisation, int(chunks.length[chosen].max())
         masks = [np.repeat(*pair) for pair in zip(chunks.by_log(chosen), chunks.by_log(chunks.length), strict=True)]
-        transitions, forces = (
+        parts = [
             tuple(own[mask] for own, mask in zip(of_logs, masks, strict=True) if mask.any())
-            for of_logs in (of.transitions, of.forces)
-        )
+            for of_logs in (of.transitions, of.forces, of.missed)
+        ]
         return replace(
             self,
-            linearisation=Linearisation(transitions, forces, of.units, of.gains[chosen, :longest]),
+            linearisation=Linearisation(*parts, of.units, of.gains[chosen, :longest]),
             filters=tuple(own.part(chosen, longest) for own in self.filters),
             columns=replace(self.columns, values=()),
             whitened=[own[chosen, :longest] for own in self.whitened],
@@ -242,7 +249,12 @@ class Bench:
             columns = Columns.of(intervals, linearisation, list(self.kinds.values()), known, present)
         else:
             columns = before.columns
-        parts = zip(columns.values, self.late(columns), self.finer_steps(intervals), strict=True)
+        parts = zip(
+            columns.values,
+            self.late(columns),
+            self.other_simulations(intervals, linearisation.transitions),
+            strict=True,
+        )
         stacked = self.chunks.stack([np.concatenate(of_log, axis=2) for of_log in parts])
         per_block = max(LEAST_IN_BLOCK, round(BLOCK_S / self.intervals.interval_s))
         basis = Basis(
@@ -272,9 +284,10 @@ class Bench:
                 if size > 0:
                     found[i] = float(size)
         quarter, present = QUARTER * self.states[0].log.info.sample_period_s, {key.effect for key in columns.keys}
-        steps = [] if any(overrides(h.kind, "change_step") for h in self.hypotheses) else [1.0]
-        further = [quarter for name in LATE if name in present] + steps
-        found |= {len(columns.keys) + k: size for k, size in enumerate(further)}
+        step = 0.0 if any(overrides(h.kind, "change_step") for h in self.hypotheses) else 1.0
+        others = [step] + [1.0] * (len(OTHER_CONTACTS) if self.robot.feet else 0)
+        further = [quarter for name in LATE if name in present] + others
+        found |= {len(columns.keys) + k: size for k, size in enumerate(further) if size > 0}
         return np.array([*found]), np.array([*found.values()])
 
     def late(self, columns: Columns) -> list[np.ndarray]:
@@ -285,12 +298,18 @@ class Bench:
             for own in columns.values
         ]
 
-    def finer_steps(self, intervals: Intervals) -> list[np.ndarray]:
-        """What finer steps of the simulation change, a nuisance, (intervals, 2 nv, 1) a log."""
+    def other_simulations(self, intervals: Intervals, transitions: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """What finer steps of the simulation, and other contacts, change: nuisances, (intervals, 2 nv, some) a log."""
         replayer = intervals.replayer
         fine = replace(intervals, replayer=replayer.with_steps(FINE * replayer.largest_step_s))
         pairs = zip(fine.predicted, intervals.predicted, strict=True)
-        return [tangent_difference(a, b, self.robot)[:, :, None] for a, b in pairs]
+        found = [[tangent_difference(a, b, self.robot)] for a, b in pairs]
+        if self.robot.feet:
+            sets = [[(*own, other) for own in intervals.acting] for other in OTHER_CONTACTS]
+            for change in intervals.changes(sets, transitions):
+                for own, of_log in zip(found, change, strict=True):
+                    own.append(of_log)
+        return [np.stack(own, axis=2) for own in found]
 
     def errors(self, intervals: Intervals, basis: Basis) -> list[np.ndarray]:
         """Whitened errors at each level, (chunks, longest, channels, 1)."""

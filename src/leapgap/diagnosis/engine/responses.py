@@ -16,8 +16,8 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.rollout import joint_commands
 
-POSITION_STEP, VELOCITY_STEP = 2e-4, 1e-2
-"""Displacements by which transitions are differenced: m and rad, m/s and rad/s, about the noise of good sensors."""
+SPREAD = np.sqrt(3.0)
+"""Standard deviations by which states are displaced: that at which normal errors are met best."""
 MANY_STEPS = 16
 """Number of steps of the simulation in an interval that may be twice as long for derivatives."""
 PUSHED = 30.0
@@ -44,6 +44,8 @@ class Linearisation:
     """By the state at its beginning, (intervals, 2 nv, 2 nv)."""
     forces: tuple[np.ndarray, ...]
     """By a constant force of one unit at each degree of freedom, (intervals, 2 nv, nv)."""
+    missed: tuple[np.ndarray, ...]
+    """Covariance of what they miss, (intervals, 2 nv, 2 nv)."""
     units: np.ndarray
     """Unit of the force at each degree of freedom, N or N·m, (nv,)."""
     gains: np.ndarray
@@ -52,45 +54,43 @@ class Linearisation:
 
 @dataclass(frozen=True)
 class Displacements:
-    """Displaced starts and forces, whose replays are differenced at one state after another."""
+    """Starts and forces displaced to both sides, whose replays are differenced at one state after another.
 
+    They are as far off as the state and the force are known, in as many directions as these have entries, so that
+    derivatives hold over all that is likely; what they miss there is an error of known covariance (the filter of divided
+    differences of Nørgaard, Poulsen and Ravn, 2000).
+    """
+
+    roots: np.ndarray
+    """Root of the covariance of state and force, in units, of each state, (states, 3 nv, 3 nv); its columns displace."""
     units: np.ndarray
     """Of the force at each degree of freedom, N or N·m, (nv,)."""
-    pushed: float = 1.0
-    """Number of units by which forces are differenced."""
-
-    @property
-    def steps(self) -> np.ndarray:
-        """Displacements of the state, (2 nv,)."""
-        nv = len(self.units)
-        return np.concatenate([np.full(nv, POSITION_STEP), np.full(nv, VELOCITY_STEP)])
 
     def starts(self, states: Motion, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-        """Starts and forces of each state: itself, displaced in each entry, and with each force.
+        """Starts and forces of each state: itself, and displaced along each direction to one side and to the other.
 
-        (states × (1 + 3 nv), nq + nv) and (states × (1 + 3 nv), nv), state by state.
+        (states × (1 + 6 nv), nq + nv) and (states × (1 + 6 nv), nv), state by state.
         """
-        count, nv = len(states), len(self.units)
-        moved = [states]
-        for entry, step in enumerate(self.steps):
-            by = np.zeros((count, 2 * nv))
-            by[:, entry] = step
-            moved.append(displaced(states, by, robot))
-        moved += [states] * nv
-        stacked = np.stack([np.concatenate([one.qpos, one.qvel], axis=1) for one in moved], axis=1)
-        forces = np.concatenate([np.zeros((2 * nv + 1, nv)), self.pushed * np.diag(self.units)])
-        return stacked.reshape(-1, stacked.shape[2]), np.tile(forces, (count, 1))
+        n, by = 2 * len(self.units), SPREAD * self.roots.transpose(0, 2, 1)
+        by = np.concatenate([np.zeros_like(by[:, :1]), by, -by], axis=1)
+        width = by.shape[1]
+        moved = displaced(states[np.repeat(np.arange(len(states)), width)], by[:, :, :n].reshape(-1, n), robot)
+        forces = (by[:, :, n:] * self.units).reshape(-1, len(self.units))
+        return np.concatenate([moved.qpos, moved.qvel], axis=1), forces
 
-    def derivatives(self, reached: Motion, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    def derivatives(self, reached: Motion, robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives of the state reached from each by its start and by force, from replays of ``starts``.
 
-        (states, 2 nv, 2 nv) and (states, 2 nv, nv).
+        (states, 2 nv, 2 nv), (states, 2 nv, nv), and the covariance of what they miss, (states, 2 nv, 2 nv).
         """
-        nv = len(self.units)
-        width = 1 + 3 * nv
+        n, count = 2 * len(self.units), self.roots.shape[2]
+        width = 1 + 2 * count
         base = reached[np.repeat(np.arange(0, len(reached), width), width)]
-        changes = tangent_difference(reached, base, robot).reshape(-1, width, 2 * nv)[:, 1:].transpose(0, 2, 1)
-        return changes[:, :, : 2 * nv] / self.steps, changes[:, :, 2 * nv :] / self.pushed
+        changes = tangent_difference(reached, base, robot).reshape(-1, width, n)[:, 1:]
+        there, back = changes[:, :count], changes[:, count:]
+        slopes = np.linalg.solve(self.roots.transpose(0, 2, 1), (there - back) / (2 * SPREAD)).transpose(0, 2, 1)
+        bent = (there + back) * np.sqrt(SPREAD**2 - 1) / (2 * SPREAD**2)
+        return slopes[:, :, :n], slopes[:, :, n:], bent.transpose(0, 2, 1) @ bent
 
 
 def force_units(intervals: Intervals) -> np.ndarray:

@@ -134,10 +134,10 @@ class Search:
         """
         start = self.judge(self.bench.nominal())
         answer, other = self.ascend(start), start
-        if not self.bench.robot.feet and answer.unnamed > MUCH:
-            other = self.together(answer)
-        elif self.bench.robot.feet and answer.unnamed > max(MUCH, LEAST_SHARE * start.unnamed):
+        if answer.unnamed > MUCH and self.bench.robot.feet:
             other = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD)), replay=True)
+        elif answer.unnamed > MUCH:
+            other = self.together(answer)
         answer = other if other.members and other.evidence > answer.evidence else answer
         again = [self.linearised(answer, anew=False)] if answer.members else []
         return start, max([answer, *again], key=lambda one: one.evidence)
@@ -205,7 +205,7 @@ class Search:
 
         Where little is left without a name columns are right, and if no set gains by them, none does. Else sets are
         judged by replays at the numbers that their columns give, and drives far from nominal as well. A further set is
-        settled if it may gain half of the best.
+        settled if it may gain half of what the first may.
         """
         gains = [one.worth - now.worth for one in linear]
         sets = [one.acting for one in linear]
@@ -216,8 +216,7 @@ class Search:
             gains = [*map(max, gains, glances), *glances[len(gains) :]]
         found: list[Found] = []
         for k in np.argsort(-np.array(gains), kind="stable")[:CLOSELY]:
-            best = max((own.worth - now.worth for own in found), default=0.0)
-            if gains[k] <= LIKELY * best:
+            if gains[k] <= LIKELY * max(gains):
                 break
             found.append(self.settle(linear[k] if k < len(linear) else self.moved(now.point, sets[k])))
         return found

@@ -12,7 +12,7 @@ import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
 from leapgap.diagnosis.engine.intervals import Intervals, Models, Pool, roll
-from leapgap.diagnosis.engine.responses import PUSHED, Displacements, Linearisation, force_units, rough_steps
+from leapgap.diagnosis.engine.responses import Displacements, Linearisation, force_units, rough_steps
 from leapgap.robot.motion import Motion
 
 CORRELATION_S = 0.05
@@ -87,6 +87,7 @@ class Filter:
     def of(
         transitions: np.ndarray,
         forces: np.ndarray,
+        missed: np.ndarray,
         noise: np.ndarray,
         start: np.ndarray,
         entries: np.ndarray,
@@ -116,6 +117,7 @@ class Filter:
         for k in range(longest):
             covariance = full[:, k] @ covariance @ full[:, k].transpose(0, 2, 1)
             covariance[:, range(size), range(size)] += added
+            covariance[:, :n, :n] += missed[:, k]
             innovation = covariance[:, entries[:, None], entries]
             innovation[:, measured, measured] += noise[:, k] ** 2
             root = np.linalg.cholesky(0.5 * (innovation + innovation.transpose(0, 2, 1)))
@@ -176,9 +178,12 @@ def noise_at_ends(intervals: Intervals, chunks: Chunks) -> np.ndarray:
 def filters_of(intervals: Intervals, linearisation: Linearisation, chunks: Chunks) -> list[Filter]:
     """The filter at every level."""
     entries = intervals.channels.state_entries
-    transitions, forces = (chunks.stack(list(of)) for of in (linearisation.transitions, linearisation.forces))
+    of = linearisation
+    transitions, forces, missed = (chunks.stack(list(own)) for own in (of.transitions, of.forces, of.missed))
     start, noise = start_deviation(intervals, chunks), noise_at_ends(intervals, chunks)
-    return [Filter.of(transitions, forces, noise, start, entries, level, intervals.interval_s) for level in LEVELS]
+    return [
+        Filter.of(transitions, forces, missed, noise, start, entries, level, intervals.interval_s) for level in LEVELS
+    ]
 
 
 @dataclass
@@ -299,8 +304,7 @@ def linearised_along(
     n = 2 * nv
     size = n + nv + len(zeros)
     of_force, of_zeros = np.arange(n, n + nv), np.arange(n + nv, size)
-    displacements = Displacements(force_units(intervals), 1.0 if robot.feet else PUSHED)
-    width = 1 + 3 * nv
+    units, width = force_units(intervals), 1 + 6 * nv
     noise2 = noise_at_ends(intervals, chunks) ** 2
     stay = np.exp(-intervals.interval_s / CORRELATION_S)
     covariance = np.zeros((len(chunks.log), size, size))
@@ -313,13 +317,14 @@ def linearised_along(
     seen[np.searchsorted(entries, zeros), of_zeros] = 1
     gains = np.zeros((len(chunks.log), chunks.longest, size, len(entries)))
     counts = [own.intervals for own in intervals.courses]
-    transitions, responses = ([np.zeros((k, n, columns)) for k in counts] for columns in (n, nv))
+    transitions, responses, missed = ([np.zeros((k, n, columns)) for k in counts] for columns in (n, nv, n))
     for k in range(chunks.longest):
         order = following.chunks_at(k)
-        force = following.force[order] * displacements.units
+        force = following.force[order] * units
+        displacements = Displacements(root_of_states(covariance[order], n + nv), units)
         starts, forces = displacements.starts(following.motion(following.state[order]), robot)
         reached = rough.reach(k, order, starts, forces + np.repeat(force, width, axis=0))
-        by_state, by_force = displacements.derivatives(reached, robot)
+        by_state, by_force, bent = displacements.derivatives(reached, robot)
         base = following.reach(k, order, following.state[order], force)
         full = np.zeros((len(order), size, size))
         full[:, :n, :n], full[:, :n, of_force] = by_state, by_force
@@ -327,6 +332,7 @@ def linearised_along(
         full[:, of_zeros, of_zeros] = 1
         own = full @ covariance[order] @ full.transpose(0, 2, 1)
         own[:, range(size), range(size)] += added
+        own[:, :n, :n] += bent
         cross = seen @ own
         innovation = cross @ seen.T
         innovation[:, range(len(entries)), range(len(entries))] += noise2[order, k]
@@ -335,10 +341,18 @@ def linearised_along(
         gains[order, k] = gain
         covariance[order] = 0.5 * (own + own.transpose(0, 2, 1))
         following.correct(k, order, base, gain)
-        for c, state, force in zip(order, by_state, by_force, strict=True):
+        for c, *found in zip(order, by_state, by_force, bent, strict=True):
             log, interval = int(chunks.log[c]), int(chunks.first[c]) + k
-            transitions[log][interval], responses[log][interval] = state, force
-    return following.result, Linearisation(tuple(transitions), tuple(responses), displacements.units, gains)
+            transitions[log][interval], responses[log][interval], missed[log][interval] = found
+    return following.result, Linearisation(tuple(transitions), tuple(responses), tuple(missed), units, gains)
+
+
+def root_of_states(covariance: np.ndarray, count: int) -> np.ndarray:
+    """Root of the covariance of the first ``count`` entries, states and force, where the others, zeros, are known."""
+    own, cross, zeros = covariance[:, :count, :count], covariance[:, :count, count:], covariance[:, count:, count:]
+    if zeros.any():
+        own = own - cross @ np.linalg.solve(zeros, cross.transpose(0, 2, 1))
+    return np.asarray(np.linalg.cholesky(own))
 
 
 def follow(
