@@ -38,6 +38,8 @@ MOST_S = 12.0
 """About how much is kept of all logs together, s."""
 LONG = 1.25
 """Intervals of more steps than this many times the usual number are replayed apart."""
+SHORT = 0.255
+"""Steps by which intervals are replayed where the usual ones miss more than sensors do, as a share of these."""
 MEMORY = 4
 """Number of intervals that a replay with states of its own (a lag, an elastic gear) lasts after its first one."""
 
@@ -60,6 +62,8 @@ class Course:
     """States at the instants, as reported."""
     noise: np.ndarray
     """Standard deviation of the sensor noise of each channel at the instants, (instants, channels)."""
+    close: np.ndarray
+    """Intervals that are replayed by short steps: a foot meets the ground or leaves it, bool (intervals,)."""
 
     @staticmethod
     def of(states: States, every: int, segments: Sequence[np.ndarray], channels: StateChannels) -> "Course":
@@ -68,15 +72,16 @@ class Course:
         starts, _ = smooth_starts(states.motion, rows.tolist(), states.log, channels.robot)
         reference = Motion(*np.split(starts.states, [channels.robot.model.nq], axis=1))
         noise = channels.noise_in_rows(states.motion, states.log)[rows]
-        return Course(states, every, tuple(map(len, segments)), rows, reference, noise)
+        close = np.zeros(sum(map(len, segments)), bool)
+        return Course(states, every, tuple(map(len, segments)), rows, reference, noise, close)
 
     def part(self, chosen: np.ndarray) -> "Course":
         """Some of the segments, bool (segments,)."""
         lengths = np.array(self.segments)
         instants = np.repeat(chosen, lengths + 1)
         segments, reference = tuple(lengths[chosen].tolist()), self.reference[np.flatnonzero(instants)]
-        rows, noise = self.rows[instants], self.noise[instants]
-        return replace(self, segments=segments, rows=rows, reference=reference, noise=noise)
+        rows, noise, close = self.rows[instants], self.noise[instants], self.close[np.repeat(chosen, lengths)]
+        return replace(self, segments=segments, rows=rows, reference=reference, noise=noise, close=close)
 
     @property
     def intervals(self) -> int:
@@ -158,6 +163,16 @@ class Intervals:
         """The same intervals from other states, which follow the logs by a force."""
         courses = tuple(replace(own, reference=new) for own, new in zip(self.courses, references, strict=True))
         return replace(self, courses=courses, residual=residual)
+
+    def with_close(self, close: Sequence[np.ndarray]) -> "Intervals":
+        """The same intervals, of which others are replayed by short steps."""
+        courses = tuple(replace(own, close=new) for own, new in zip(self.courses, close, strict=True))
+        return replace(self, courses=courses)
+
+    @property
+    def by_short_steps(self) -> "Intervals":
+        """The intervals by short steps of the simulation."""
+        return replace(self, replayer=self.replayer.with_steps(SHORT * self.replayer.largest_step_s))
 
     @cached_property
     def predicted(self) -> list[Motion]:
@@ -256,10 +271,17 @@ class Intervals:
         return displaced(reached, late[own.begins + 1], self.robot) if late.any() else reached
 
     def _by_own_steps(self, log: int, effects: Effects, starts: np.ndarray) -> Motion:
-        """True states at the end of every interval, from true states at its beginning, by steps of the replayer."""
-        with Models(self.replayer) as models:
-            prepared = self.prepare(log, effects, models)
-            return roll([(prepared, np.arange(self.courses[log].intervals))], starts)[:, 0]
+        """True states at the end of every interval, from true states at its beginning, by the steps of each."""
+        close = self.courses[log].close
+        parts = [(self, np.flatnonzero(~close)), (self.by_short_steps, np.flatnonzero(close))]
+        with ExitStack() as stack:
+            prepared = [
+                (own.prepare(log, effects, stack.enter_context(Models(own.replayer))), which)
+                for own, which in parts
+                if len(which)
+            ]
+            order = np.concatenate([which for _, which in prepared])
+            return roll(prepared, starts[order])[np.argsort(order), 0]
 
     def _true_starts(self, own: Course, late: np.ndarray) -> np.ndarray:
         """True states at the beginning of each interval, (intervals, nq + nv), of sensors that report ``late`` more."""
@@ -462,5 +484,5 @@ class ReachedStates:
         """Number of intervals of each replay."""
         return self.qpos.shape[1]
 
-    def __getitem__(self, which: tuple[slice, int]) -> Motion:
+    def __getitem__(self, which: tuple[slice | np.ndarray, int]) -> Motion:
         return Motion(self.qpos[which], self.qvel[which])

@@ -15,7 +15,6 @@ from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follo
 from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.other_simulations import SimulationSettings
 from leapgap.diagnosis.sensitivities import tolerance, usable
-from leapgap.diagnosis.short_rollouts import FINE
 from leapgap.effects.base import Effect, overrides
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
@@ -102,13 +101,13 @@ class Basis:
         """The same of some of the ``chunks``, bool (chunks,)."""
         of, longest = self.linearisation, int(chunks.length[chosen].max())
         masks = [np.repeat(*pair) for pair in zip(chunks.by_log(chosen), chunks.by_log(chunks.length), strict=True)]
-        parts = [
+        transitions, forces, missed = (
             tuple(own[mask] for own, mask in zip(of_logs, masks, strict=True) if mask.any())
             for of_logs in (of.transitions, of.forces, of.missed)
-        ]
+        )
         return replace(
             self,
-            linearisation=Linearisation(*parts, of.units, of.gains[chosen, :longest]),
+            linearisation=Linearisation(transitions, forces, missed, of.units, of.gains[chosen, :longest]),
             filters=tuple(own.part(chosen, longest) for own in self.filters),
             columns=replace(self.columns, values=()),
             whitened=[own[chosen, :longest] for own in self.whitened],
@@ -300,9 +299,8 @@ class Bench:
 
     def other_simulations(self, intervals: Intervals, transitions: Sequence[np.ndarray]) -> list[np.ndarray]:
         """What finer steps of the simulation, and other contacts, change: nuisances, (intervals, 2 nv, some) a log."""
-        replayer = intervals.replayer
-        fine = replace(intervals, replayer=replayer.with_steps(FINE * replayer.largest_step_s))
-        pairs = zip(fine.predicted, intervals.predicted, strict=True)
+        none = [np.zeros_like(own.close) for own in intervals.courses]
+        pairs = zip(intervals.by_short_steps.with_close(none).predicted, intervals.predicted, strict=True)
         found = [[tangent_difference(a, b, self.robot)] for a, b in pairs]
         if self.robot.feet:
             sets = [[(*own, other) for own in intervals.acting] for other in OTHER_CONTACTS]

@@ -6,13 +6,16 @@ for each level of the force, and errors and columns pass through the same recurs
 """
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
 from leapgap.diagnosis.engine.intervals import Intervals, Models, Pool, roll
 from leapgap.diagnosis.engine.responses import Displacements, Linearisation, force_units, rough_steps
+from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 
 CORRELATION_S = 0.05
@@ -21,6 +24,8 @@ LEVELS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Standard deviations of the force without a name, in its units."""
 
 
+BARELY = 5e-4
+"""Depth of a foot in the ground, or distance from it, at which errors of sensors decide whether it touches, m."""
 FOLLOWING = 0.3
 """Level of the force at which references follow the logs."""
 WRONG_ZERO_RAD = 0.05
@@ -186,41 +191,25 @@ def filters_of(intervals: Intervals, linearisation: Linearisation, chunks: Chunk
     ]
 
 
-@dataclass
-class Following:
-    """References that follow the logs as a Kalman filter does: states that the robot could be in.
+class Reaching:
+    """Replays of single intervals of all logs from any states, by steps of one length."""
 
-    Its feet are as deep in the ground as its weight presses them, which smoothed states do not give.
-    """
+    def __init__(self, intervals: Intervals, chunks: Chunks, offsets: Sequence[np.ndarray], models: Models) -> None:
+        """``offsets`` are what effects with a memory add at the end of each interval, (intervals, 2 nv) a log."""
+        logs = range(len(intervals.courses))
+        self.intervals, self.chunks, self.offsets = intervals, chunks, offsets
+        self.prepared = [intervals.prepare(log, intervals.without_memory(log), models) for log in logs]
+        self.misreported = [intervals.misreported(log, intervals.without_memory(log)) for log in logs]
+        self.pool = Pool(self.prepared[0].models[0], intervals.replayer.threads)
 
-    intervals: Intervals
-    chunks: Chunks
-    offsets: Sequence[np.ndarray]
-    """What effects with a memory add at the end of each interval, (intervals, 2 nv) a log."""
-    models: Models
-
-    def __post_init__(self) -> None:
-        """Lay the logs side by side, at the beginning of each chunk."""
-        own, logs = self.intervals, range(len(self.intervals.courses))
-        self.nq, self.nv = own.robot.model.nq, own.robot.model.nv
-        self.prepared = [own.prepare(log, own.without_memory(log), self.models) for log in logs]
-        self.misreported = [own.misreported(log, own.without_memory(log)) for log in logs]
-        self.references = [np.concatenate([c.reference.qpos, c.reference.qvel], axis=1) for c in own.courses]
-        self.pool = Pool(self.prepared[0].models[0], own.replayer.threads)
-        at = zip(self.chunks.log, self.chunks.first, strict=True)
-        self.state = np.array([own.courses[log].start_states[first] for log, first in at])
-        self.force = np.zeros((len(self.chunks.log), self.nv))
-        self.forces: list[np.ndarray] = []
-        self.zeros = np.zeros((len(self.chunks.log), len(zero_entries(own))))
-
-    def motion(self, states: np.ndarray) -> Motion:
-        """States (some, nq + nv) as a motion."""
-        return Motion(states[:, : self.nq], states[:, self.nq :])
-
-    def chunks_at(self, k: int) -> np.ndarray:
-        """Chunks that have a ``k``-th interval, log by log."""
-        on = np.flatnonzero(k < self.chunks.length)
-        return on[np.argsort(self.chunks.log[on], kind="stable")]
+    def touching(self, k: int, order: np.ndarray, states: Motion) -> list[tuple[frozenset[int], bool]]:
+        """Feet that press on something in a state of each chunk, and whether one barely does, or barely does not."""
+        found = []
+        for c, qpos in zip(order.tolist(), states.qpos, strict=True):
+            prepared = self.prepared[self.chunks.log[c]]
+            model = prepared.models[prepared.model_of[self.chunks.first[c] + k]]
+            found.append(touching(model, self.pool.data[0], qpos))
+        return found
 
     def reach(self, k: int, order: np.ndarray, starts: np.ndarray, forces: np.ndarray) -> Motion:
         """Reported states at the end of the ``k``-th interval of some chunks, from several reported starts of each."""
@@ -233,7 +222,7 @@ class Following:
             for later in (0, 1)
         )
         if before.any():
-            true = displaced(self.motion(starts), -before, robot)
+            true = displaced(motion_of(starts, robot), -before, robot)
             starts = np.concatenate([true.qpos, true.qvel], axis=1)
         parts = [
             (self.prepared[log], np.repeat(np.array([i for g, i in at if g == log]), width))
@@ -243,11 +232,97 @@ class Following:
         added = after + np.repeat([self.offsets[log][interval] for log, interval in at], width, axis=0)
         return displaced(reached, added, robot) if added.any() else reached
 
+
+def touching(model: mujoco.MjModel, data: mujoco.MjData, qpos: np.ndarray) -> tuple[frozenset[int], bool]:
+    """Geoms that press into others in a pose, and whether any is less than ``BARELY`` away from touching."""
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    margin = model.geom_margin.copy()
+    try:
+        model.geom_margin[:] = BARELY
+        mujoco.mj_collision(model, data)
+    finally:
+        model.geom_margin[:] = margin
+    contact = data.contact
+    deep, pairs = contact.dist < -BARELY, contact.geom
+    return frozenset(pairs[deep].max(axis=1).tolist()), not deep.all()
+
+
+def motion_of(states: np.ndarray, robot: Robot) -> Motion:
+    """States (some, nq + nv) as a motion."""
+    return Motion(*np.split(states, [robot.model.nq], axis=1))
+
+
+def chosen_of(close: np.ndarray, usual: Motion | None, short: Motion | None) -> Motion:
+    """The motions of some intervals in their order: of those that are ``close`` (bool) the second ones."""
+    if usual is None or short is None:
+        found = short if usual is None else usual
+        assert found is not None
+        return found
+    qpos, qvel = (np.zeros((len(close), own.shape[1])) for own in (usual.qpos, usual.qvel))
+    for own, of in ((usual, ~close), (short, close)):
+        qpos[of], qvel[of] = own.qpos, own.qvel
+    return Motion(qpos, qvel)
+
+
+@dataclass
+class Following:
+    """References that follow the logs as a Kalman filter does: states that the robot could be in.
+
+    Its feet are as deep in the ground as its weight presses them, which smoothed states do not give.
+    """
+
+    usual: Reaching
+    short: Reaching
+    """By short steps."""
+
+    def __post_init__(self) -> None:
+        """Lay the logs side by side, at the beginning of each chunk."""
+        self.intervals, self.chunks = own, chunks = self.usual.intervals, self.usual.chunks
+        self.nv = own.robot.model.nv
+        self.references = [np.concatenate([c.reference.qpos, c.reference.qvel], axis=1) for c in own.courses]
+        self.close = [c.close.copy() for c in own.courses]
+        at = zip(chunks.log, chunks.first, strict=True)
+        self.state = np.array([own.courses[log].start_states[first] for log, first in at])
+        self.force = np.zeros((len(chunks.log), self.nv))
+        self.forces: list[np.ndarray] = []
+        self.zeros = np.zeros((len(chunks.log), len(zero_entries(own))))
+
+    def chunks_at(self, k: int) -> np.ndarray:
+        """Chunks that have a ``k``-th interval, log by log."""
+        on = np.flatnonzero(k < self.chunks.length)
+        return on[np.argsort(self.chunks.log[on], kind="stable")]
+
+    def places(self, k: int, order: np.ndarray) -> list[tuple[int, int]]:
+        """Log and interval of the ``k``-th one of some chunks."""
+        firsts = zip(self.chunks.log[order].tolist(), self.chunks.first[order].tolist(), strict=True)
+        return [(log, first + k) for log, first in firsts]
+
+    def meet(self, k: int, order: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """Find the chunks in whose ``k``-th interval a foot meets the ground or leaves it, bool (chunks,)."""
+        close = np.zeros(len(order), bool)
+        if self.intervals.robot.feet:
+            before = motion_of(self.state[order], self.intervals.robot)
+            after = self.usual.reach(k, order, self.state[order], forces)
+            pairs = zip(*(self.usual.touching(k, order, states) for states in (before, after)), strict=True)
+            close = np.array([a[0] != b[0] or a[1] or b[1] for a, b in pairs])
+        for (log, interval), own in zip(self.places(k, order), close, strict=True):
+            self.close[log][interval] = own
+        return close
+
+    def reach(self, k: int, order: np.ndarray, forces: np.ndarray) -> Motion:
+        """Reported states at the end of the ``k``-th interval of some chunks, from where these are, by its steps."""
+        close = np.array([self.close[log][interval] for log, interval in self.places(k, order)])
+        usual, short = (
+            by.reach(k, order[own], self.state[order[own]], forces[own]) if own.any() else None
+            for by, own in ((self.usual, ~close), (self.short, close))
+        )
+        return chosen_of(close, usual, short)
+
     def correct(self, k: int, order: np.ndarray, base: Motion, gain: np.ndarray) -> None:
         """Move states and forces by the gain (chunks, N, channels) times what the logs report, and keep the states."""
         own, n = self.intervals, 2 * self.nv
-        chosen = zip(self.chunks.log[order].tolist(), self.chunks.first[order].tolist(), strict=True)
-        at = [(log, int(own.courses[log].begins[first + k]) + 1) for log, first in chosen]
+        at = [(log, int(own.courses[log].begins[interval]) + 1) for log, interval in self.places(k, order)]
         seen = [own.courses[log].measured[np.array([instant])] for log, instant in at]
         measured = Motion(np.concatenate([one.qpos for one in seen]), np.concatenate([one.qvel for one in seen]))
         missed = tangent_difference(measured, base, own.robot)
@@ -264,8 +339,8 @@ class Following:
     @property
     def result(self) -> Intervals:
         """The intervals from the states that were followed."""
-        references = [self.motion(one) for one in self.references]
-        return self.intervals.with_references(references, np.concatenate(self.forces))
+        references = [motion_of(one, self.intervals.robot) for one in self.references]
+        return self.intervals.with_references(references, np.concatenate(self.forces)).with_close(self.close)
 
 
 def zero_entries(intervals: Intervals) -> np.ndarray:
@@ -284,28 +359,32 @@ def linearise(
 ) -> tuple[Intervals, Linearisation]:
     """Intervals whose references follow the logs, and the linearisation about them, by an extended Kalman filter.
 
-    Derivatives are by long steps of the simulation, whose error cancels in a difference. ``wrong_zero``, rad, is the
+    Derivatives are by long steps of the simulation, whose error cancels in a difference. Where the usual steps miss
+    more than sensors do, short ones take their place, and derivatives are to both sides. ``wrong_zero``, rad, is the
     standard deviation of zeros of joint sensors while a log is followed: feet that are reported in the air, or deep in
     the ground, would else have no contact to linearise about. No zero is counted where sets are judged.
     """
-    rough = rough_steps(intervals)
-    with Models(intervals.replayer) as models, Models(rough.replayer) as of_rough:
-        pair = Following(intervals, chunks, offsets, models), Following(rough, chunks, offsets, of_rough)
-        return linearised_along(*pair, wrong_zero, level)
+    short = intervals.by_short_steps
+    with ExitStack() as stack:
+        usual, close, rough, rough_close = (
+            Reaching(own, chunks, offsets, stack.enter_context(Models(own.replayer)))
+            for own in (intervals, short, rough_steps(intervals), rough_steps(short))
+        )
+        return linearised_along(Following(usual, close), (rough, rough_close), wrong_zero, level)
 
 
 def linearised_along(
-    following: Following, rough: Following, wrong_zero: float, level: float
+    following: Following, rough: tuple[Reaching, Reaching], wrong_zero: float, level: float
 ) -> tuple[Intervals, Linearisation]:
-    """The same, by robots that follow the logs by the steps of the replays and by long ones."""
+    """The same, by robots that follow the logs, and by ``rough`` ones whose steps are longer than usual and short."""
     intervals, chunks, robot = following.intervals, following.chunks, following.intervals.robot
     entries, nv = intervals.channels.state_entries, robot.model.nv
     zeros = zero_entries(intervals)
     n = 2 * nv
     size = n + nv + len(zeros)
     of_force, of_zeros = np.arange(n, n + nv), np.arange(n + nv, size)
-    units, width = force_units(intervals), 1 + 6 * nv
-    noise2 = noise_at_ends(intervals, chunks) ** 2
+    units = force_units(intervals)
+    noise = noise_at_ends(intervals, chunks)
     stay = np.exp(-intervals.interval_s / CORRELATION_S)
     covariance = np.zeros((len(chunks.log), size, size))
     covariance[:, range(n), range(n)] = start_deviation(intervals, chunks) ** 2
@@ -316,35 +395,40 @@ def linearised_along(
     seen[range(len(entries)), entries] = 1
     seen[np.searchsorted(entries, zeros), of_zeros] = 1
     gains = np.zeros((len(chunks.log), chunks.longest, size, len(entries)))
-    counts = [own.intervals for own in intervals.courses]
-    transitions, responses, missed = ([np.zeros((k, n, columns)) for k in counts] for columns in (n, nv, n))
+    found = [[np.zeros((own.intervals, n, columns)) for own in intervals.courses] for columns in (n, nv, n)]
     for k in range(chunks.longest):
         order = following.chunks_at(k)
         force = following.force[order] * units
-        displacements = Displacements(root_of_states(covariance[order], n + nv), units)
-        starts, forces = displacements.starts(following.motion(following.state[order]), robot)
-        reached = rough.reach(k, order, starts, forces + np.repeat(force, width, axis=0))
-        by_state, by_force, bent = displacements.derivatives(reached, robot)
-        base = following.reach(k, order, following.state[order], force)
-        full = np.zeros((len(order), size, size))
-        full[:, :n, :n], full[:, :n, of_force] = by_state, by_force
+        close = following.meet(k, order, force)
+        base = following.reach(k, order, force)
+        full, bent = np.zeros((len(order), size, size)), np.zeros((len(order), n, n))
         full[:, of_force, of_force] = stay
         full[:, of_zeros, of_zeros] = 1
-        own = full @ covariance[order] @ full.transpose(0, 2, 1)
-        own[:, range(size), range(size)] += added
-        own[:, :n, :n] += bent
-        cross = seen @ own
+        roots = root_of_states(covariance[order], n + nv)
+        for both, by in enumerate(rough):
+            own = np.flatnonzero(close == bool(both))
+            if len(own):
+                displacements = Displacements(roots[own], units, bool(both))
+                starts, forces = displacements.starts(motion_of(following.state[order[own]], robot), robot)
+                forces += np.repeat(force[own], len(forces) // len(own), axis=0)
+                reached = by.reach(k, order[own], starts, forces)
+                full[own, :n, :n], full[own, :n, n : n + nv], bent[own] = displacements.derivatives(reached, robot)
+        spread = full @ covariance[order] @ full.transpose(0, 2, 1)
+        spread[:, range(size), range(size)] += added
+        spread[:, :n, :n] += bent
+        cross = seen @ spread
         innovation = cross @ seen.T
-        innovation[:, range(len(entries)), range(len(entries))] += noise2[order, k]
+        innovation[:, range(len(entries)), range(len(entries))] += noise[order, k] ** 2
         gain = np.linalg.solve(innovation, cross).transpose(0, 2, 1)
-        own = own - gain @ cross
+        spread = spread - gain @ cross
         gains[order, k] = gain
-        covariance[order] = 0.5 * (own + own.transpose(0, 2, 1))
+        covariance[order] = 0.5 * (spread + spread.transpose(0, 2, 1))
         following.correct(k, order, base, gain)
-        for c, *found in zip(order, by_state, by_force, bent, strict=True):
-            log, interval = int(chunks.log[c]), int(chunks.first[c]) + k
-            transitions[log][interval], responses[log][interval], missed[log][interval] = found
-    return following.result, Linearisation(tuple(transitions), tuple(responses), tuple(missed), units, gains)
+        for c, (log, interval) in enumerate(following.places(k, order)):
+            for of, own in zip(found, (full[c, :n, :n], full[c, :n, n : n + nv], bent[c]), strict=True):
+                of[log][interval] = own
+    transitions, responses, errors = (tuple(of) for of in found)
+    return following.result, Linearisation(transitions, responses, errors, units, gains)
 
 
 def root_of_states(covariance: np.ndarray, count: int) -> np.ndarray:
@@ -359,10 +443,12 @@ def follow(
     intervals: Intervals, chunks: Chunks, offsets: Sequence[np.ndarray], linearisation: Linearisation
 ) -> Intervals:
     """Intervals whose references follow the logs with the gains of a linearisation."""
-    with Models(intervals.replayer) as models:
-        following = Following(intervals, chunks, offsets, models)
+    with ExitStack() as stack:
+        by = (intervals, intervals.by_short_steps)
+        reaching = [Reaching(own, chunks, offsets, stack.enter_context(Models(own.replayer))) for own in by]
+        following = Following(*reaching)
         for k in range(chunks.longest):
             order = following.chunks_at(k)
-            base = following.reach(k, order, following.state[order], following.force[order] * linearisation.units)
+            base = following.reach(k, order, following.force[order] * linearisation.units)
             following.correct(k, order, base, linearisation.gains[order, k])
         return following.result
