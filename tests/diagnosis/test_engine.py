@@ -14,13 +14,14 @@ from leapgap import effects
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.engine.evidence import posterior_of
 from leapgap.diagnosis.engine.intervals import Intervals
-from leapgap.diagnosis.engine.responses import Columns
-from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks, Filter, linearise
+from leapgap.diagnosis.engine.responses import Columns, Displacements
+from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks, Filter, linearise, motion_of, touching
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.settings import Settings
 from leapgap.logs.log import read_logs
-from leapgap.robot.model import Robot
+from leapgap.robot.model import DEFAULT_MODEL, Robot
+from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 from tests import plain_arm
 from tests.diagnosis import pd_arms
@@ -87,6 +88,45 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, Intervals]:
     logs = read_logs(plain_arm.write_parquet(folder / "logs", 2))
     judged = JudgedLogs.of(logs, robot, {})
     return robot, Intervals.of(judged.states, Replayer(robot, 1, 1), 0.01)
+
+
+def test_derivatives_tell_what_they_miss(arm: tuple[Robot, Intervals]) -> None:
+    """Of y = x + x²/2 of normal numbers: slope 1, and the variance σ⁴/2 of the square; to one side none is told."""
+    robot, nv = arm[0], arm[0].model.nv
+    rng = np.random.default_rng(3)
+    root = np.tril(0.1 * rng.standard_normal((3 * nv, 3 * nv)))[None]
+    at_rest = Motion(np.zeros((1, robot.model.nq)), np.zeros((1, nv)))
+    own = Displacements(root, np.ones(nv), both=True)
+    starts, forces = own.starts(at_rest, robot)
+    assert np.cov(np.concatenate([starts, forces], axis=1).T, bias=True) * (1 + 6 * nv) / 6 == pytest.approx(
+        root[0] @ root[0].T, abs=1e-12
+    )
+    bent = starts[:, :1] + 0.5 * starts[:, :1] ** 2
+    reached = motion_of(np.concatenate([bent, starts[:, 1:]], axis=1), robot)
+    by_state, by_force, missed = own.derivatives(reached, robot)
+    assert by_state[0] == pytest.approx(np.eye(2 * nv), abs=1e-9)
+    assert by_force == pytest.approx(0.0, abs=1e-9)
+    expected = np.zeros((2 * nv, 2 * nv))
+    expected[0, 0] = 0.5 * (root[0, 0] @ root[0, 0]) ** 2
+    assert missed[0] == pytest.approx(expected, abs=1e-12)
+    one_side = Displacements(root, np.ones(nv), both=False)
+    starts, _ = one_side.starts(at_rest, robot)
+    assert (one_side.derivatives(motion_of(starts, robot), robot)[2] == 0).all()
+
+
+@pytest.mark.parametrize(("height_m", "feet", "barely"), [(0.005, 0, False), (-0.0002, 0, True), (-0.004, 4, False)])
+def test_feet_touch_or_barely_do(height_m: float, feet: int, barely: bool) -> None:
+    """An A1 on level feet, whose soles are so far above the ground."""
+    model = Robot.load(DEFAULT_MODEL).model
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_kinematics(model, data)
+    spheres = [k for k in range(model.ngeom) if model.geom_type[k] == mujoco.mjtGeom.mjGEOM_SPHERE]
+    lowest = min(data.geom_xpos[k, 2] - model.geom_size[k, 0] for k in spheres)
+    data.qpos[2] += height_m - lowest
+    pressing, near = touching(model, data, data.qpos.copy())
+    assert (len(pressing), near) == (feet, barely)
+    assert (model.geom_margin == Robot.load(DEFAULT_MODEL).model.geom_margin).all()
 
 
 def test_columns_of_a_joint_are_those_of_its_torque(arm: tuple[Robot, Intervals]) -> None:

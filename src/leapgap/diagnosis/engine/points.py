@@ -10,7 +10,7 @@ from leapgap import effects
 from leapgap.diagnosis.channels import tangent_difference
 from leapgap.diagnosis.engine.evidence import BLOCK_S, Blocks, Evidence, Whitened
 from leapgap.diagnosis.engine.intervals import Effects, Intervals
-from leapgap.diagnosis.engine.responses import Columns, Linearisation, shared
+from leapgap.diagnosis.engine.responses import Columns, Linearisation, rough_steps, shared
 from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
 from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.other_simulations import SimulationSettings
@@ -326,10 +326,15 @@ class Bench:
         """What further effects in the drives do far from nominal beside those of a point: numbers, and a column each.
 
         Such an effect does not grow with its number (a lag, a limit), but what it does to the torques is known at any.
-        One after another they are replayed at all joints at once, and shared out by the responses to torques.
+        One after another they are replayed at all joints at once, by long steps, and shared out by the responses to
+        torques.
         """
         present, forces = {h.name for h, _ in near.acting}, near.basis.linearisation.forces
-        chunks, logs = Chunks.of(near.intervals), [own.states.log.name for own in near.intervals.courses]
+        rough, chunks, logs = (
+            rough_steps(near.intervals),
+            Chunks.of(near.intervals),
+            [own.states.log.name for own in near.intervals.courses],
+        )
         of_logs = list(zip(on_logs(near.intervals, near.acting), logs, strict=True))
         for name, of_kind in self.kinds.items():
             everywhere = replace(of_kind, location="all")
@@ -340,7 +345,7 @@ class Bench:
             at = places(of_kind.kind, self.robot) if of_kind.kind.along_joints else {"all": ()}
             found: list[tuple[Hypothesis, np.ndarray]] = []
             columns: list[list[np.ndarray]] = []
-            changes = near.intervals.changes(sets, near.basis.linearisation.transitions)
+            changes = rough.changes(sets, near.basis.linearisation.transitions)
             for numbers, change in zip(ladder, changes, strict=True):
                 parts = [shared(own, of[:, :, self.robot.joint_dofs]) for own, of in zip(change, forces, strict=True)]
                 for place, joints in at.items():

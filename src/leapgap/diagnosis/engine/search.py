@@ -139,7 +139,7 @@ class Search:
         elif answer.unnamed > MUCH:
             other = self.together(answer)
         answer = other if other.members and other.evidence > answer.evidence else answer
-        again = [self.linearised(answer, anew=False)] if answer.members else []
+        again = [self.linearised(answer, anew=False)] if answer.members and answer.unnamed > SOME else []
         return start, max([answer, *again], key=lambda one: one.evidence)
 
     def ascend(self, now: Found, replay: bool = False) -> Found:
