@@ -54,26 +54,25 @@ class Linearisation:
 
 @dataclass(frozen=True)
 class Displacements:
-    """Starts and forces displaced to one side or to both, whose replays are differenced at one state after another.
+    """Starts and forces displaced to both sides, whose replays are differenced at one state after another.
 
     They are as far off as the state and the force are known, in as many directions as these have entries, so that
-    derivatives hold over all that is likely. Displaced to both sides, what they miss there is an error of known
-    covariance (the filter of divided differences of Nørgaard, Poulsen and Ravn, 2000).
+    derivatives hold over all that is likely. What they miss there is an error of known covariance (the filter of
+    divided differences of Nørgaard, Poulsen and Ravn, 2000).
     """
 
     roots: np.ndarray
     """Root of the covariance of state and force (units) of each state, (states, 3 nv, 3 nv); its columns displace."""
     units: np.ndarray
     """Of the force at each degree of freedom, N or N·m, (nv,)."""
-    both: bool
 
     def starts(self, states: Motion, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
         """Starts and forces of each state: itself, and displaced along each direction.
 
-        (states × width, nq + nv) and (states × width, nv), state by state, of width 1 + 3 nv, or 1 + 6 nv.
+        (states × (1 + 6 nv), nq + nv) and (states × (1 + 6 nv), nv), state by state.
         """
         n, by = 2 * len(self.units), SPREAD * self.roots.transpose(0, 2, 1)
-        by = np.concatenate([np.zeros_like(by[:, :1]), by, *([-by] if self.both else [])], axis=1)
+        by = np.concatenate([np.zeros_like(by[:, :1]), by, -by], axis=1)
         moved = displaced(states[np.repeat(np.arange(len(states)), by.shape[1])], by[:, :, :n].reshape(-1, n), robot)
         forces = (by[:, :, n:] * self.units).reshape(-1, len(self.units))
         return np.concatenate([moved.qpos, moved.qvel], axis=1), forces
@@ -84,10 +83,10 @@ class Displacements:
         (states, 2 nv, 2 nv), (states, 2 nv, nv), and the covariance of what they miss, (states, 2 nv, 2 nv).
         """
         n, count = 2 * len(self.units), self.roots.shape[2]
-        width = 1 + count * (2 if self.both else 1)
+        width = 1 + 2 * count
         base = reached[np.repeat(np.arange(0, len(reached), width), width)]
         changes = tangent_difference(reached, base, robot).reshape(-1, width, n)[:, 1:]
-        there, back = changes[:, :count], changes[:, count:] if self.both else -changes
+        there, back = changes[:, :count], changes[:, count:]
         slopes = np.linalg.solve(self.roots.transpose(0, 2, 1), (there - back) / (2 * SPREAD)).transpose(0, 2, 1)
         bent = (there + back) * np.sqrt(SPREAD**2 - 1) / (2 * SPREAD**2)
         return slopes[:, :, :n], slopes[:, :, n:], bent.transpose(0, 2, 1) @ bent

@@ -359,10 +359,10 @@ def linearise(
 ) -> tuple[Intervals, Linearisation]:
     """Intervals whose references follow the logs, and the linearisation about them, by an extended Kalman filter.
 
-    Derivatives are by long steps of the simulation, whose error cancels in a difference. Where the usual steps miss
-    more than sensors do, short ones take their place, and derivatives are to both sides. ``wrong_zero``, rad, is the
-    standard deviation of zeros of joint sensors while a log is followed: feet that are reported in the air, or deep in
-    the ground, would else have no contact to linearise about. No zero is counted where sets are judged.
+    Derivatives are by long steps of the simulation, whose error cancels in a difference. Where a foot meets the ground
+    or leaves it, short ones take their place. ``wrong_zero``, rad, is the standard deviation of zeros of joint sensors
+    while a log is followed: feet that are reported in the air, or deep in the ground, would else have no contact to
+    linearise about. No zero is counted where sets are judged.
     """
     short = intervals.by_short_steps
     with ExitStack() as stack:
@@ -405,10 +405,10 @@ def linearised_along(
         full[:, of_force, of_force] = stay
         full[:, of_zeros, of_zeros] = 1
         roots = root_of_states(covariance[order], n + nv)
-        for both, by in enumerate(rough):
-            own = np.flatnonzero(close == bool(both))
+        for short, by in enumerate(rough):
+            own = np.flatnonzero(close == bool(short))
             if len(own):
-                displacements = Displacements(roots[own], units, bool(both))
+                displacements = Displacements(roots[own], units)
                 starts, forces = displacements.starts(motion_of(following.state[order[own]], robot), robot)
                 forces += np.repeat(force[own], len(forces) // len(own), axis=0)
                 reached = by.reach(k, order[own], starts, forces)
