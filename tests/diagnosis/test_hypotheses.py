@@ -31,6 +31,8 @@ def test_an_effect_that_differs_by_log_takes_a_share_of_each_logs_clock(robot: R
     assert h.on("a", h.nominal).is_nominal
     assert h.on("a", np.array([1.0])).profile == ()
     assert h.on("b", np.array([1.0])).profile == pytest.approx((1.1 / 1.2, 1.3 / 1.2))
+    planned = h.on("a log that a proposed experiment will make", np.array([1.0]))
+    assert planned.scale == pytest.approx(3.5 / 3) and planned.profile == ()
     (shared,) = list_hypotheses(["sample_period"], robot, None)
     assert shared.values("a", np.array([1.05])) == {"scale": 1.05}
 

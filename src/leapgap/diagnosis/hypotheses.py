@@ -83,17 +83,18 @@ class Hypothesis:
     def on(self, log: str, numbers: np.ndarray) -> Effect:
         """The effect with these numbers on one log."""
         effect = self.kind(location=self.location, **self.values(log, numbers))
-        if self.per_log is None or len(self.per_log[log]) == 1:
+        if self.per_log is None or len(self.per_log.get(log, ())) <= 1:
             return effect
         local = 1 + float(numbers[0]) * (np.array(self.per_log[log]) - 1)
         return effect.with_profile(tuple((local / local.mean()).tolist()))
 
     def values(self, log: str, numbers: np.ndarray) -> dict[str, float]:
-        """Values of the effect's parameters on one log."""
+        """Values of the effect's parameters on one log; on a log yet to be made they are as on those there are."""
         if self.per_log is None:
             return {p.name: float(n) for p, n in zip(self.effect_parameters, numbers, strict=True)}
         (p,) = self.effect_parameters
-        value = p.nominal + float(numbers[0]) * (float(np.mean(self.per_log[log])) - p.nominal)
+        estimates = self.per_log.get(log, np.concatenate(list(self.per_log.values())))
+        value = p.nominal + float(numbers[0]) * (float(np.mean(estimates)) - p.nominal)
         return {p.name: float(np.clip(value, p.lower, p.upper))}
 
     def typical_value(self, name: str, numbers: np.ndarray, logs: Sequence[str]) -> float:

@@ -1,7 +1,8 @@
 """The search for the set of effects that explains the logs: forward, backward and exchange, on one evidence.
 
 Sets are compared by what they predict of logs that they were not fitted on; the numbers of the best are replayed, and
-everything is linearised about them again where much stays without a name, until nothing gains.
+everything is linearised about them again where much stays without a name, until nothing gains. A cause has to gain on
+all logs together as well, which tell more of what the model's tolerances do.
 """
 
 from collections.abc import Callable, Sequence
@@ -155,7 +156,8 @@ class Search:
                 break
             best = max(tried, key=lambda one: one.worth)
             self.progress(f"{describe(best)}: gains {best.predictive - now.predictive:.1f}")
-            if best.worth <= now.worth:
+            gained = best.evidence - now.evidence
+            if best.worth <= now.worth or gained <= LEAST_GAIN * (len(best.numbers) - len(now.numbers)):
                 break
             newest = best.members[-1]
             others = [(newest.label, one.members[-1], best.worth - one.worth) for one in tried if one is not best]
@@ -330,7 +332,11 @@ class Search:
         while len(found.members) > 1:
             members = range(len(found.members))
             sizes = [LEAST_GAIN * len(h.parameters) for h in found.members]
-            losses = [found.predictive - self.judge(found.point, (), [m]).predictive - sizes[m] for m in members]
+            others = [self.judge(found.point, (), [m]) for m in members]
+            losses = [
+                min(found.predictive - one.predictive, found.evidence - one.evidence) - size
+                for one, size in zip(others, sizes, strict=True)
+            ]
             least = int(np.argmin(losses))
             if losses[least] > 0:
                 break
