@@ -162,8 +162,11 @@ class Search:
             newest = best.members[-1]
             others = [(newest.label, one.members[-1], best.worth - one.worth) for one in tried if one is not best]
             rivals = (*now.rivals, *(own for own in others if own[1].name != newest.name))
+            if max(now.unnamed, best.unnamed) > MUCH:
+                best = self.linearised_about(best)
             if best.unnamed > MUCH:
-                best = self.exchanged(max([best, self.linearised(best)], key=lambda one: one.evidence))
+                other = self.exchanged(best)
+                best = other if other is best else self.linearised_about(other)
             if best.unnamed > MUCH and best.predictive - now.predictive < LEAST_SHARE * now.missing:
                 break
             now = replace(self.without_idle(best), rivals=rivals)
@@ -305,6 +308,10 @@ class Search:
         """The set with everything linearised about it, columns of other effects where they are made ``anew``."""
         point = found.point
         return self.settle(self.judge(self.bench.linearised(point.intervals, point.acting, point.basis, anew=anew)))
+
+    def linearised_about(self, found: Found) -> Found:
+        """The likelier of a set and the same with everything linearised about it."""
+        return max([found, self.linearised(found)], key=lambda one: one.evidence)
 
     def exchanged(self, found: Found) -> Found:
         """The set with one member in place of another, where that predicts the logs better."""
