@@ -229,13 +229,11 @@ class Bench:
         """The nominal robot; ``wrong_zero`` as in ``linearised``."""
         return self.linearised(self.intervals, (), None, wrong_zero)
 
-    def linearised(
-        self, intervals: Intervals, acting: Acting, before: Basis | None, wrong_zero: float = 0.0, anew: bool = True
-    ) -> Point:
+    def linearised(self, intervals: Intervals, acting: Acting, before: Basis | None, wrong_zero: float = 0.0) -> Point:
         """The point of a robot with some effects, with everything linearised about it.
 
-        ``before`` tells what effects with a memory do, and other columns than those of the acting effects, where these
-        are not made ``anew``; ``wrong_zero``, rad, as in ``whitening.linearise``.
+        ``before`` tells what effects with a memory do, and the columns of the acting effects; ``wrong_zero``, rad, as in
+        ``whitening.linearise``.
         """
         width = 2 * self.robot.model.nv
         none = [np.zeros((own.intervals, width, width)) for own in intervals.courses]
@@ -243,17 +241,10 @@ class Bench:
         offsets = intervals.remembered(transitions)
         intervals, linearisation = linearise(intervals, self.chunks, offsets, wrong_zero)
         filters = tuple(filters_of(intervals, linearisation, self.chunks))
-        if before is None or anew:
-            known, present = None if before is None else before.columns, [h.name for h, _ in acting]
-            columns = Columns.of(intervals, linearisation, list(self.kinds.values()), known, present)
-        else:
-            columns = before.columns
-        parts = zip(
-            columns.values,
-            self.late(columns),
-            self.other_simulations(intervals, linearisation.transitions),
-            strict=True,
-        )
+        known, present = None if before is None else before.columns, [h.name for h, _ in acting]
+        columns = Columns.of(intervals, linearisation, list(self.kinds.values()), known, present)
+        others = self.other_simulations(intervals, linearisation.transitions)
+        parts = zip(columns.values, self.late(columns), others, strict=True)
         stacked = self.chunks.stack([np.concatenate(of_log, axis=2) for of_log in parts])
         per_block = max(LEAST_IN_BLOCK, round(BLOCK_S / self.intervals.interval_s))
         basis = Basis(

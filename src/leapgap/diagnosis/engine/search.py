@@ -140,8 +140,7 @@ class Search:
         elif answer.unnamed > MUCH:
             other = self.together(answer)
         answer = other if other.members and other.evidence > answer.evidence else answer
-        again = [self.linearised(answer, anew=False)] if answer.members and answer.unnamed > SOME else []
-        return start, max([answer, *again], key=lambda one: one.evidence)
+        return start, self.linearised_about(answer) if answer.members and answer.unnamed > SOME else answer
 
     def ascend(self, now: Found, replay: bool = False) -> Found:
         """The answer from a set without effects on; with ``replay`` the first may be one whose columns tell little."""
@@ -304,14 +303,14 @@ class Search:
         trials.sort(key=lambda pair: -pair[0])
         return [self.settle(self.moved(now.point, acting)) for _, acting in trials[:2]]
 
-    def linearised(self, found: Found, anew: bool = True) -> Found:
-        """The set with everything linearised about it, columns of other effects where they are made ``anew``."""
+    def linearised(self, found: Found) -> Found:
+        """The set with everything linearised about it."""
         point = found.point
-        return self.settle(self.judge(self.bench.linearised(point.intervals, point.acting, point.basis, anew=anew)))
+        return self.settle(self.judge(self.bench.linearised(point.intervals, point.acting, point.basis)))
 
     def linearised_about(self, found: Found) -> Found:
-        """The likelier of a set and the same with everything linearised about it."""
-        return max([found, self.linearised(found)], key=lambda one: one.evidence)
+        """A set with everything linearised about it, where that leaves less unexplained."""
+        return min([found, self.linearised(found)], key=lambda one: one.unnamed)
 
     def exchanged(self, found: Found) -> Found:
         """The set with one member in place of another, where that predicts the logs better."""
