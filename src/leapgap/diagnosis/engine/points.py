@@ -232,7 +232,7 @@ class Bench:
     def linearised(self, intervals: Intervals, acting: Acting, before: Basis | None, wrong_zero: float = 0.0) -> Point:
         """The point of a robot with some effects, with everything linearised about it.
 
-        ``before`` tells what effects with a memory do, and the columns of the acting effects; ``wrong_zero``, rad, as in
+        ``before`` tells what effects with a memory do, and columns of the acting effects; ``wrong_zero``, rad, as in
         ``whitening.linearise``.
         """
         width = 2 * self.robot.model.nv
