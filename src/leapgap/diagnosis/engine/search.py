@@ -131,7 +131,8 @@ class Search:
         """The nominal robot, and the answer.
 
         Where much is left unexplained, the search is made once more: of a robot with feet from references that allow
-        for wrong zeros of its joints, of others from all effects together. The likelier of both answers stays.
+        for wrong zeros of its joints, of others from all effects together, and again about what these find. The
+        likelier of both answers stays.
         """
         start = self.judge(self.bench.nominal())
         answer, other = self.ascend(start), start
@@ -139,6 +140,8 @@ class Search:
             other = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD)), replay=True)
         elif answer.unnamed > MUCH:
             other = self.together(answer)
+            if SOME < other.unnamed < LEAST_SHARE * start.unnamed:
+                other = max([other, self.together(other)], key=lambda one: one.evidence)
         answer = other if other.members and other.evidence > answer.evidence else answer
         return start, self.linearised_about(answer) if answer.members and answer.unnamed > SOME else answer
 
@@ -198,7 +201,7 @@ class Search:
         if not kept:
             return now
         found = self.settle(self.moved(full.point, kept))
-        return self.without_idle(max([found, self.linearised(found)], key=lambda one: one.evidence))
+        return self.without_idle(self.linearised_about(found))
 
     def has_memory(self, hypothesis: Hypothesis) -> bool:
         """Whether a robot with an effect has states that the nominal one has not."""
