@@ -9,7 +9,7 @@ from scipy.stats import ttest_ind
 
 import leapgap as lg
 from leapgap.cli import main
-from leapgap.diagnosis.compare import stands_out
+from leapgap.diagnosis.paired_search import stands_out
 from leapgap.robot.model import Robot
 from tests import plain_arm
 
