@@ -1,26 +1,38 @@
-"""Sealed checks of ``judge`` and ``compare``: random arms of plain MuJoCo, whose PD is a force outside the model.
+"""Sealed checks of ``judge`` and ``compare``: random robots of plain MuJoCo, whose PD is a force outside the model.
 
 An arm of two joints differs from its model by one to three faults, drawn from friction, damping, armature and mass at
 either joint. A correction makes right changes, some of its faults, and wrong ones: a number that is not at fault, or a
 fault at a third or three times its size. A pair of sets shares all faults; in half of the pairs one more acts after.
+Pairs of a UR5e and of an A1 that trots have the errors of owners' robots (``validation.owners``) in place of these
+faults, and small departures of all masses, friction and damping, alike in both sets.
+
 Rules, fixed before any case was drawn: a right change is doubted if it is not told ``supported``, and one that is
 ``undecided`` counts for neither side; a wrong one is told if it is neither ``supported`` nor ``undecided``. A change is
 named if the first one named has its effect and joint; an armature for a mass of the same link, or the reverse, is not.
-Run as ``python -m tests.benchmarks.referee --json <file>``; ``--cases N`` of each; three minutes for the default.
+Run as ``python -m tests.benchmarks.referee --json <file>``; ``--cases N`` of each kind of ``--robots``; corrections are
+of the arm. The file is written after each case. Seconds of a processor: 10 a correction, 20 to 40 a pair of the arm.
 """
 
 import argparse
 import json
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 import leapgap as lg
+from leapgap.logs.log import write_log
+from leapgap.robot.model import DEFAULT_MODEL
 from leapgap.runtime.atomic_io import write_json
+from leapgap.validation.owners.cases import OwnersCase, Plan, draw_errors, logged
+from leapgap.validation.owners.plant import Drive, build
+from leapgap.validation.owners.robots import ROBOTS
 from tests import plain_arm
 from tests.benchmarks import run_benchmark
+from tests.code import ROOT
 
 NOMINAL = {"damping": 0.05, "frictionloss": 0.0, "armature": 0.01, "mass": 1.0}
 LARGEST = {"damping": 0.5, "frictionloss": 0.8, "armature": 0.03, "mass": 0.4}
@@ -32,11 +44,18 @@ TITLES = {
     "mass": "mass and centre of mass",
 }
 EFFECTS = {"damping": "joint_damping", "frictionloss": "joint_friction", "armature": "armature", "mass": "link_mass"}
-ALSO = {"link_mass": {"link_payload"}}
+ALSO = {"link_mass": {"link_payload"}, "link_payload": {"link_mass"}}
 """Effects that say the same."""
 LINKS = {"shoulder": ("upper", 1.5), "elbow": ("lower", 0.8)}
 Fault = tuple[str, str]
 LOGS = 2
+OWNED = ("joint_friction", "joint_damping", "armature", "position_gain", "torque_offset", "link_payload")
+"""Errors of owners' robots that are drawn; a robot on feet has none of the last two."""
+OWNERS = {
+    "ur5e": (ROOT / "conf/withhold/models/ur5e.xml", replace(ROBOTS["ur5e_125"], length_s=1.6), "ur5e_125"),
+    "a1": (DEFAULT_MODEL, replace(ROBOTS["go2"], model="a1", length_s=0.8), "go2"),
+}
+"""Model file, robot, and whose errors it has."""
 
 
 def arm(added: dict[Fault, float]) -> str:
@@ -88,15 +107,44 @@ def compared(rng: np.random.Generator, folder: Path, changes: bool) -> dict[str,
         plain_arm.write_parquet(folder / name, LOGS, arm(of), int(rng.integers(1000)))
         for name, of in (("before", shared), ("after", {**shared, **new}))
     )
-    found = lg.compare(before, after, model, threads=1)
-    labels = [one.label for one in found.changed]
-    expected = [(EFFECTS[key], at) for key, at in new]
-    first = tuple(labels[0].split(" at ")) if labels else ()
-    is_first = bool(expected) and len(first) == 2 and first[1] == expected[0][1]
-    is_first = is_first and first[0] in {expected[0][0]} | ALSO.get(expected[0][0], set())
     shares = {f"{key} {at}": size for (key, at), size in shared.items()}
-    says = [one.says for one in found.changed]
-    return {"shared": shares, "changed": expected, "told": says, "first": is_first, "unknown": found.unknown_change}
+    return {"robot": "arm", "shared": shares, **told(before, after, model, [(EFFECTS[key], at) for key, at in new])}
+
+
+def told(
+    before: Path, after: Path, model: Path, new: list[tuple[str, str]], same: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """What is told of a pair in which ``new`` changed: effect and place; effects ``same`` do just that."""
+    found = lg.compare(before, after, model, threads=1)
+    first = (*found.changed[0].label.split(" at "), "all")[:2] if found.changed else ("", "")
+    is_first = any(first[1] == at and first[0] in {name, *same} | ALSO.get(name, set()) for name, at in new)
+    says = {"told": [one.says for one in found.changed], "guesses": [one.says for one in found.guesses]}
+    return {"changed": new, "first": is_first, **says, "unnamed": found.unnamed, "varying": found.varying}
+
+
+def owned(rng: np.random.Generator, folder: Path, changes: bool, name: str) -> dict[str, Any]:
+    """One pair of sets of an owner's robot."""
+    file, robot, errors_of = OWNERS[name]
+    actuators = mujoco.MjSpec.from_file(str(file)).actuators
+    limit = np.array([max(np.abs(a.ctrlrange).max(), np.abs(a.forcerange).max()) for a in actuators])
+    drive, wear = Drive(np.array(robot.kp), np.array(robot.kd), limit), int(rng.integers(2**31))
+    nominal, kinds = build(file, drive), OWNED[: 4 if robot.walks else 6]
+    plans = [Plan.draw(robot, nominal, rng) for _ in range(2 * LOGS)]
+    drawn = tuple(rng.permutation(kinds)[: int(rng.integers(2, 4))].tolist())
+    errors = draw_errors(
+        OwnersCase("pairs", errors_of, drawn, 0), robot, nominal, plans[0].run(nominal, robot), limit, rng
+    )
+    shared, new = errors[:-1], errors[-1:] if changes else []
+    for i, plan in enumerate(plans):
+        acting = [*shared, *(new if i >= LOGS else [])]
+        own = replace(drive, **{key: value for one in acting for key, value in one.drive.items()})
+        specs, models = [one.spec for one in acting if one.spec], [one.model for one in acting if one.model]
+        run = plan.run(build(file, own, np.random.default_rng(wear), specs, models), robot)
+        log = logged(f"log_{i}", plan, run, robot, acting, nominal.names, rng)
+        write_log(log, folder / ("after" if i >= LOGS else "before") / f"log_{i}.parquet")
+    expected, same = [(one.name, one.location) for one in new], new[0].same if new else ()
+    shares = {f"{one.name} {one.location}": one.parameters for one in shared}
+    return {"robot": name, "shared": shares, **told(folder / "before", folder / "after", file, expected, same)}
 
 
 def main() -> None:
@@ -104,15 +152,23 @@ def main() -> None:
     options = argparse.ArgumentParser()
     options.add_argument("--json", type=Path, required=True)
     options.add_argument("--cases", type=int, default=12)
+    options.add_argument("--first", type=int, default=0, help="number of the first case; what the file has stays")
     options.add_argument("--seed", type=int, default=4601)
+    options.add_argument("--robots", nargs="*", choices=["arm", *OWNERS], default=["arm"], help="of pairs")
+    options.add_argument("--corrections", action="store_true", help="as many corrections of the arm, too")
     options.add_argument("--tiny", action="store_true", help="one case of each")
     chosen = options.parse_args()
-    corrections, pairs = [], []
-    for case in range(1 if chosen.tiny else chosen.cases):
-        with tempfile.TemporaryDirectory() as folder:
-            corrections.append(judged(np.random.default_rng([chosen.seed, 0, case]), Path(folder)))
-        with tempfile.TemporaryDirectory() as folder:
-            pairs.append(compared(np.random.default_rng([chosen.seed, 1, case]), Path(folder), case % 2 == 0))
+    kept = json.loads(chosen.json.read_text()) if chosen.first else {"corrections": [], "pairs": []}
+    corrections, pairs = kept["corrections"], kept["pairs"]
+    for case in range(chosen.first, chosen.first + (1 if chosen.tiny else chosen.cases)):
+        if chosen.corrections:
+            with tempfile.TemporaryDirectory() as folder:
+                corrections.append(judged(np.random.default_rng([chosen.seed, 0, case]), Path(folder)))
+        for name in chosen.robots:
+            with tempfile.TemporaryDirectory() as folder:
+                rng, changes = np.random.default_rng([chosen.seed, 1, case]), case % 2 == 0
+                own = (rng, Path(folder), changes)
+                pairs.append(compared(*own) if name == "arm" else owned(*own, name))
         right = [verdict for one in corrections for verdict in one["right"].values()]
         wrong = [verdict for one in corrections for verdict in one["wrong"].values()]
         changed, same = ([one for one in pairs if bool(one["changed"]) is is_new] for is_new in (True, False))
@@ -128,7 +184,7 @@ def main() -> None:
             "same_none_named": sum(not one["told"] for one in same),
         }
         write_json(chosen.json, {"figures": figures, "corrections": corrections, "pairs": pairs})
-        print(json.dumps({**figures, "last": [corrections[-1], pairs[-1]]}), flush=True)
+        print(json.dumps({**figures, "last": [*corrections[-1:], *pairs[-1:]]}), flush=True)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,8 @@ from leapgap.effects.base import Effect
 
 SURE = 0.99
 """Probability that a difference is no chance of logs that differ among themselves."""
+LEAST = 1e-9
+"""Share of a difference that acts before, where it needs further parts of the model."""
 SHARE = 3.0
 """Prior standard deviation of the share of a difference that acts in a log."""
 
@@ -39,8 +41,12 @@ class Difference(Hypothesis):
         return f"change of {super().name}"
 
     def on(self, log: str, numbers: np.ndarray) -> Effect:
-        """The effect on one log: nominal before."""
-        return super().on(log, numbers if log in self.after else self.nominal)
+        """The effect on one log: before nominal, or so little that the model has the same parts in all logs."""
+        after = super().on(log, numbers)
+        if log in self.after:
+            return after
+        share = 0.0 if after.structure is None else LEAST
+        return super().on(log, self.nominal + share * (numbers - self.nominal))
 
 
 def effect_of(hypothesis: Hypothesis) -> Hypothesis:
