@@ -104,7 +104,8 @@ def compare_logs(
     folds = np.concatenate([np.arange(len(before)), np.arange(len(after))]) % min(len(before), len(after), 4)
     progress(f"step 1 of 2, what acts in all logs, or after: {len(before)} logs before, {len(after)} after")
     hypotheses = [Difference.of(h, later) for h in bench.hypotheses]
-    every = PairedBench([*bench.hypotheses, *hypotheses], bench.tolerances, bench.states, bench.replayer, later)
+    both = [*bench.hypotheses, *hypotheses]
+    every = PairedBench(both, bench.tolerances, bench.states, bench.replayer, bench.hypotheses, later)
     search = Search(every, folds, progress)
     point = search.ascend(search.judge(every.nominal())).point
     progress("step 2 of 2, changes")
@@ -114,8 +115,9 @@ def compare_logs(
         most = MOST_CAUSES + len(point.acting)
         paired = PairedSearch(replace(every, hypotheses=left, cancels=True), folds, progress, most)
         acting = tuple(one for one in point.acting if one[0].name not in varying)
-        found = paired.without_idle(paired.settle(paired.moved(point, acting)))
-        found = paired.ascend(found)
+        start = paired.moved(point, acting)
+        start = max([start, paired.settle(start)], key=lambda one: one.evidence)
+        found = paired.ascend(paired.without_idle(start))
         unsteady = [found.members[m] for m in differences(found) if not paired.is_steady(found, m)]
         if not unsteady or len(varying) >= MOST_CAUSES:
             return comparison_of(paired, found, (len(before), len(after)), tuple(varying))

@@ -72,6 +72,8 @@ class PairedColumns(Columns):
 class PairedBench(Bench):
     """A bench of two sets of logs."""
 
+    effects: Sequence[Hypothesis] = ()
+    """What may act in all logs."""
     after: frozenset[str] = frozenset()
     """Names of the later logs."""
     cancels: bool = False
@@ -80,8 +82,7 @@ class PairedBench(Bench):
     @cached_property
     def kinds(self) -> dict[str, Hypothesis]:
         """A hypothesis of every effect that has columns."""
-        every = [effect_of(h) for h in self.hypotheses]
-        return Bench(every, self.tolerances, self.states, self.replayer).kinds
+        return Bench(self.effects, self.tolerances, self.states, self.replayer).kinds
 
     def moved(self, intervals: Intervals, basis: Basis, acting: Acting) -> Point:
         """The point of a robot with other effects or numbers."""
