@@ -8,8 +8,10 @@ import pytest
 from scipy.stats import ttest_ind
 
 import leapgap as lg
+from leapgap import effects
 from leapgap.cli import main
-from leapgap.diagnosis.paired_search import stands_out
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.paired_search import Difference, stands_out
 from leapgap.robot.model import Robot
 from tests import plain_arm
 
@@ -54,6 +56,21 @@ def test_a_single_log_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[s
     one = plain_arm.write_parquet(tmp_path / "one", 1)
     assert main(["compare", str(one), str(logs), str(model)]) == 2
     assert "before: found 1 log; expected two or more" in capsys.readouterr().err
+
+
+def test_a_difference_acts_after_alone_with_one_structure_in_all_logs(tmp_path: Path) -> None:
+    """Replays of all logs lie side by side, so that a motor with a lag has its state before, too."""
+    robot = Robot.load(plain_arm.write_model(tmp_path))
+    friction, lag = (
+        Difference.of(Hypothesis(effects.known()[name], robot, "elbow"), frozenset({"late"}))
+        for name in ("joint_friction", "motor_lag")
+    )
+    assert friction.on("early", np.array([0.3])).is_nominal
+    assert friction.on("late", np.array([0.3])).values == {"torque_nm": 0.3}
+    before, after = (lag.on(log, np.array([0.02])) for log in ("early", "late"))
+    assert before.structure == after.structure is not None
+    assert 0 < before.values["time_constant_s"] < 1e-9 < after.values["time_constant_s"]
+    assert friction.name != friction.kind.called(robot)  # both may act at once
 
 
 @pytest.mark.long
