@@ -1,8 +1,8 @@
 """What changed between two sets of logs of one robot: before and after a load, a repair, a specimen.
 
-Errors of the model that both sets share are columns that both share, with wide priors, so that they cancel. A
-difference is a column of the later set alone, with a narrow prior: it is named where nothing shared can explain it.
-Errors that a search finds in all logs act in the replays, so that all is linear about a robot near the true one.
+First one search looks for each effect twice, in all logs and as a difference in the later set alone, so that all is
+linear about a robot near the true one. Then whatever the model may be wrong by is a column that both sets share, with
+its prior, and cancels: a difference stays, or is found, where nothing shared can explain it.
 """
 
 from collections.abc import Callable, Sequence
@@ -111,18 +111,18 @@ def compare_logs(
     progress("step 2 of 2, changes")
     varying: list[str] = []
     while True:
-        left = [h for h in hypotheses if h.name not in varying]
+        left = [h for h in hypotheses if effect_of(h).name not in varying]
         most = MOST_CAUSES + len(point.acting)
         paired = PairedSearch(replace(every, hypotheses=left, cancels=True), folds, progress, most)
-        acting = tuple(one for one in point.acting if one[0].name not in varying)
-        start = paired.moved(point, acting)
+        acting = [one for one in point.acting if not isinstance(one[0], Difference) or one[0] in left]
+        start = paired.moved(point, tuple(acting))
         start = max([start, paired.settle(start)], key=lambda one: one.evidence)
         found = paired.ascend(paired.without_idle(start))
         unsteady = [found.members[m] for m in differences(found) if not paired.is_steady(found, m)]
         if not unsteady or len(varying) >= MOST_CAUSES:
             return comparison_of(paired, found, (len(before), len(after)), tuple(varying))
         progress(f"differs from log to log: {unsteady[0].label}")
-        varying.append(unsteady[0].name)
+        varying.append(effect_of(unsteady[0]).name)
 
 
 def comparison_of(search: PairedSearch, found: Found, logs: tuple[int, int], varying: tuple[str, ...]) -> Comparison:
