@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from leapgap.diagnosis.engine.evidence import Whitened, posterior_of
 from leapgap.diagnosis.engine.intervals import Intervals
 from leapgap.diagnosis.engine.points import ABSENT, Acting, Basis, Bench, Point, prior_of
 from leapgap.diagnosis.engine.responses import Columns
-from leapgap.diagnosis.engine.search import Found, Search
+from leapgap.diagnosis.engine.search import ALIKE, CLOSELY, Found, Search, few_of_each, screen
 from leapgap.diagnosis.engine.whitening import Chunks
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import Effect
@@ -166,6 +167,27 @@ class PairedSearch(Search):
             if best.worth < found.worth:
                 break
             found = best
+        return found
+
+    def ascend(self, now: Found, replay: bool = False) -> Found:
+        """The answer from a set on, with one difference in place of two where that says as much."""
+        found = super().ascend(now, replay)
+        while (better := self.merged(found)) is not found:
+            found = better
+        return found
+
+    def merged(self, found: Found) -> Found:
+        """The set with one difference in place of two, such as at one joint in place of all and, reversed, another."""
+        for pair in combinations(differences(found), 2):
+            known = {found.members[m].name for m in pair}
+            kept = [k for k in range(len(found.members) + 1) if k not in pair]
+            order = few_of_each([h for _, h in screen(found.point, pair)], ALIKE)
+            same = [h for h in order if h.name in known]
+            for h in [*same, *(h for h in order if h not in same)][:CLOSELY]:
+                fewer = self.settle(self.judge(found.point, [h], pair).with_members(kept))
+                if fewer.worth > found.worth:
+                    self.progress(f"{h.label} in place of two changes")
+                    return fewer
         return found
 
     def is_steady(self, found: Found, member: int) -> bool:
