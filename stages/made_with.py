@@ -47,6 +47,7 @@ CODE: dict[str, tuple[str, ...]] = {
     "metrics/bench_baseline.json": BENCH,
     "metrics/diagnosis.json": (DIAGNOSIS, "tests/benchmarks/diagnosis_injected.py"),
     "metrics/real/robots.json": (DIAGNOSIS, "leapgap.logs.reading", "conf/robots", "stages/robots.py"),
+    "metrics/referee.json": ("leapgap.diagnosis.compare", *library("validation/owners"), "tests/benchmarks/referee.py"),
     "metrics/sensitivity.json": (DIAGNOSIS, "tests/benchmarks/sensitivity.py"),
     "metrics/hostile.json": (*library("logs", "robot", "jumping/control"), *KEPT_WHOLE, "tests/hostile"),
     "metrics/landing_full.json": ("stages.land", "conf/land", "conf/size/full.yaml"),

@@ -4,6 +4,7 @@ import runpy
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from leapgap.logs.log import read_logs
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import write_corrected
 from tests import plain_arm
+from tests.export.schemas import LEARNED, record
 
 pytest.importorskip("lightning")
 torch = pytest.importorskip("torch")
@@ -34,10 +36,10 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     return SimpleNamespace(net=folder / "net", logs=read_logs(logs), robot=robot, folder=folder)
 
 
-def config_of(file: Path, module: str, name: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, SimpleNamespace]:
-    """The configurations of a written file, by a stand-in for the library that keeps its arguments."""
+def config_of(file: Path, module: str, name: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """The configurations of a written file, by a stand-in for the library that takes its documented fields alone."""
     stand_in = ModuleType(module)
-    setattr(stand_in, name, SimpleNamespace)
+    setattr(stand_in, name, record(name, LEARNED[name]))
     monkeypatch.setitem(sys.modules, module.partition(".")[0], ModuleType(module.partition(".")[0]))
     monkeypatch.setitem(sys.modules, module, stand_in)
     return dict(runpy.run_path(str(file))["ACTUATORS"])

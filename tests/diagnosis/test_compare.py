@@ -1,6 +1,8 @@
 """What changed between two sets of logs, of arms that plain MuJoCo simulates, whose model is wrong in both."""
 
 import json
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +10,13 @@ import pytest
 from scipy.stats import ttest_ind
 
 import leapgap as lg
+from leapgap import effects
 from leapgap.cli import main
-from leapgap.diagnosis.compare import stands_out
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.paired_search import Difference, PairedBench, PairedSearch, stands_out
+from leapgap.diagnosis.refereed_logs import RefereedLogs
+from leapgap.diagnosis.settings import Settings
+from leapgap.logs.log import read_logs
 from leapgap.robot.model import Robot
 from tests import plain_arm
 
@@ -54,6 +61,49 @@ def test_a_single_log_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[s
     one = plain_arm.write_parquet(tmp_path / "one", 1)
     assert main(["compare", str(one), str(logs), str(model)]) == 2
     assert "before: found 1 log; expected two or more" in capsys.readouterr().err
+
+
+def test_a_difference_acts_after_alone_with_one_structure_in_all_logs(tmp_path: Path) -> None:
+    """Replays of all logs lie side by side, so that a motor with a lag has its state before, too."""
+    robot = Robot.load(plain_arm.write_model(tmp_path))
+    friction, lag = (
+        Difference.of(Hypothesis(effects.known()[name], robot, "elbow"), frozenset({"late"}))
+        for name in ("joint_friction", "motor_lag")
+    )
+    assert friction.on("early", np.array([0.3])).is_nominal
+    assert friction.on("late", np.array([0.3])).values == {"torque_nm": 0.3}
+    before, after = (lag.on(log, np.array([0.02])) for log in ("early", "late"))
+    assert before.structure == after.structure is not None
+    assert 0 < before.values["time_constant_s"] < 1e-9 < after.values["time_constant_s"]
+    assert friction.name != friction.kind.called(robot)  # both may act at once
+
+
+def test_one_difference_takes_the_place_of_two_that_say_as_much(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More friction at the elbow is also more at all joints and less at the shoulder, which stuck before."""
+    monkeypatch.setattr(plain_arm, "swing", partial(plain_arm.swing, seconds=0.5))
+    sticky = 'name="shoulder" axis="0 1 0" damping="0.05" frictionloss="0.5"'
+    own, robot = plain_arm.arm(), Robot.load(plain_arm.write_model(tmp_path))
+    before, after = (
+        xml.replace('name="shoulder" axis="0 1 0" damping="0.05"', sticky)
+        for xml in (own, plain_arm.arm('damping="0.05" frictionloss="0.54"'))
+    )
+    sets = [read_logs(folder) for folder in logs_of(tmp_path, before, after)]
+    logs = [replace(log, name=f"{name} {log.name}") for name, of in zip("ab", sets, strict=True) for log in of]
+    names = ["joint_friction", "friction_compensation", "joint_damping"]
+    bench = RefereedLogs.of("compare", logs, robot, Settings(effects=names), 1).bench
+    later = frozenset(log.name for log in logs[2:])
+    changes = {h.label: Difference.of(h, later) for h in bench.hypotheses}
+    paired = PairedBench(
+        [*changes.values()], bench.tolerances, bench.states, bench.replayer, bench.hypotheses, later, cancels=True
+    )
+    search = PairedSearch(paired, np.array([0, 1, 0, 1]), lambda _: None)
+    both = [(changes[label], np.array([0.5])) for label in ("joint_friction", "friction_compensation at shoulder")]
+    found = search.merged(search.settle(search.moved(paired.nominal(), tuple(both))))
+    assert found.members == (changes["joint_friction at elbow"],)
+    assert found.numbers == pytest.approx([0.54], rel=0.1)
+    assert search.is_steady(found, 0)
 
 
 @pytest.mark.long

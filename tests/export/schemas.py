@@ -24,6 +24,12 @@ ISAAC_BASE = {
     *("class_type", "joint_names_expr", "effort_limit", "velocity_limit", "effort_limit_sim", "velocity_limit_sim"),
     *("stiffness", "damping", "armature", "friction", "dynamic_friction", "viscous_friction"),
 }
+NETWORK = {"network_file", "pos_scale", "vel_scale", "torque_scale", "input_order"}
+LEARNED = {
+    "LearnedMlpActuatorCfg": {*MJLAB_PD, *NETWORK, "saturation_effort", "velocity_limit", "history_length"},
+    "ActuatorNetMLPCfg": {*ISAAC_BASE, *NETWORK, "saturation_effort", "input_idx"},
+}
+"""Both take errors of the set point, then velocities, the newest first (0: the current step), each times its scale."""
 ISAAC_TERM = {*("func", "mode", "params", "interval_range_s", "is_global_time", "min_step_count_between_reset")}
 ISAAC_MASS = {"env", "env_ids", "asset_cfg", "mass_distribution_params", "operation", "distribution"}
 

