@@ -54,7 +54,7 @@ int main(int count, char **arguments) {
 def tick_times(folder: Path, estimates: bytes, repeats: int) -> np.ndarray:
     """Times of all ticks of the controller in a folder, µs, (repeats, ticks)."""
     (folder / "timing.c").write_text(PROGRAM)
-    sources = ["timing.c", "jump_controller.c", "jump_program.c", "tables.c"]
+    sources = ["timing.c", "jump_body.c", "jump_controller.c", "jump_program.c", "tables.c"]
     subprocess.run(["gcc", "-std=gnu99", "-O2", *sources, "-o", "timing", "-lm"], cwd=folder, check=True)
     done = subprocess.run([str(folder / "timing"), str(repeats)], input=estimates, capture_output=True, check=True)
     return np.frombuffer(done.stdout).reshape(repeats, -1)
