@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from leapgap.jumping.learning.deviation_recipe import BALLISTIC_S, DeviationTask
-from leapgap.jumping.learning.deviations import DeviatingJump, deviating_jump, rolled_out
+from leapgap.jumping.learning.deviation_recipe import DeviationTask
+from leapgap.jumping.learning.deviations import BALLISTIC_S, DeviatingJump, deviating_jump, rolled_out
 from leapgap.jumping.learning.recipe import Fitting, ModelSettings
 from leapgap.jumping.learning.registry import deviation_recipes
 from leapgap.jumping.learning.windows import TimeGrid

@@ -1,5 +1,8 @@
 """Practice of the learned MPC: jumps by the nominal MPC, then rounds by the MPC that was learned from them all.
 
+Where the robot was identified, the first jumps are simulated ones of the identified robot, kicked at a random time:
+joints with much damping let velocity follow force so closely that jumps without kicks hardly tell C from G.
+
 What a model says is true near the jumps it was learned from. So each round jumps with the model of all rounds before,
 and these jumps count more. A round that lands elsewhere than its model predicted shows that the model is not yet to be
 trusted there.
@@ -138,7 +141,8 @@ def practise(
             landed = landed.extended_by(result.samples)
             flown = None if result.log is None else method.flown(result.log, trial.reference, result.samples)
             if flown is not None:
-                made.append(deviating_jump(*flown, grid, bench.robot, weight))
+                kicked_s = trial.task.disturbed_at_s[0] if trial.task.kick_m_s else None
+                made.append(deviating_jump(*flown, grid, bench.robot, weight, kicked_s))
         if not made:
             continue  # all fell, and teach nothing
         landings.append(landed)
@@ -155,17 +159,32 @@ def practise(
 def round_trials(
     bench: Bench, method: MpcMethod, practice: PracticeRounds, number: int, rng: np.random.Generator, folder: str
 ) -> list[TrialSpec]:
-    """The jumps of a round; round 0 is the nominal MPC's."""
+    """The jumps of a round; round 0 is the nominal MPC's, simulated where the robot was identified."""
     excitation, repeats = (practice.later, 1) if number else (practice.first, practice.first_jumps)
+    simulated = number == 0 and method.identified is not None
     trials = []
     for i, x_m in enumerate(practice.distances_m * repeats):
         block = practice.block_m if (i + number) % 2 else (0.0, 0.0)
         task, target = JumpTask("practice", x_m, block_m=block, slope_rad=practice.slope_rad), Target(x_m)
         force_seed, seed = (int(one) for one in rng.integers(2**31, size=2))
+        effects = bench.effects
+        if simulated:
+            task, effects = kicked(task, method.config.period_s, rng), method.identified or ()
         place, plan = f"{bench.hardware}/{folder}/round_{number}_{i:02d}", method.references[target]
         own = replace(method, references={target: plan}).excited(excitation, force_seed)
-        trials.append(TrialSpec(place, task, own, plan, bench.effects, bench.world, seed, with_log=True))
+        trials.append(TrialSpec(place, task, own, plan, effects, bench.world, seed, with_log=True))
     return trials
+
+
+KICKED_S = (0.1, 0.75)
+"""Range of the times of simulated kicks, since the start of the jump."""
+
+
+def kicked(task: JumpTask, period_s: float, rng: np.random.Generator) -> JumpTask:
+    """The task with a kick of 0.2 m/s or 1 rad/s in the middle of a step, so that it shows in one step alone."""
+    first, last = (int(time_s / period_s) for time_s in KICKED_S)
+    at_s = float(period_s * (int(rng.integers(first, last)) + 0.5))
+    return replace(task, kick_m_s=0.2, kick_rad_s=1.0, disturbed_at_s=(at_s,))
 
 
 BEFORE_TAKE_OFF_S = 0.15

@@ -8,8 +8,7 @@ import lightning
 import numpy as np
 import torch
 
-from leapgap.jumping.learning.deviation_recipe import BALLISTIC_S
-from leapgap.jumping.learning.deviations import DeviatingJump
+from leapgap.jumping.learning.deviations import BALLISTIC_S, DeviatingJump
 from leapgap.jumping.learning.models.deviation_kernel import mode_of, places
 from leapgap.jumping.learning.network import Mlp
 from leapgap.jumping.learning.recipe import Fitting

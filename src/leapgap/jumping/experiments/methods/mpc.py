@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from leapgap.effects.base import Effect
 from leapgap.jumping.control.excitation import Excitation, ExcitedController
 from leapgap.jumping.control.inference import load
 from leapgap.jumping.control.mpc_config import MpcConfig
@@ -35,6 +36,8 @@ class MpcMethod(Method):
     excitation: Excitation | None = None
     """Random forces on top of its own, by ``seed``."""
     seed: int = 0
+    identified: tuple[Effect, ...] | None = None
+    """Effects that were identified in the robot; None: none were looked for."""
 
     def excited(self, excitation: Excitation, seed: int) -> Self:
         """The same with random forces, as for practice."""

@@ -8,6 +8,7 @@ from leapgap.jumping.experiments.method import Method, References
 from leapgap.jumping.experiments.methods.base import MethodSettings
 from leapgap.jumping.experiments.methods.mpc import MpcMethod
 from leapgap.jumping.experiments.on_policy import PracticeRounds, Practised, practise
+from leapgap.jumping.learning.recipe import ModelSettings
 from leapgap.jumping.learning.registry import deviation_recipes
 from leapgap.jumping.models.deviation_model import NominalDeviation
 from leapgap.jumping.task import Target
@@ -52,6 +53,11 @@ class PractisedMpcSettings(MethodSettings):
         """Rounds, jumps and targets of its practice, by the settings of the rig."""
         return rig.settings.learned.practice
 
+    @property
+    def model_settings(self) -> dict[str, ModelSettings]:
+        """Of models by their section, where they are not the defaults."""
+        return {}
+
     def plans(self, rig: "Rig") -> References:
         """Plans from level ground to the practised targets."""
         return {target: rig.plan(target) for target in map(Target, self.rounds_of(rig).distances_m)}
@@ -60,7 +66,9 @@ class PractisedMpcSettings(MethodSettings):
         """The rounds of practice on this robot; those that were made before are read."""
         learned = rig.settings.learned
         learned = replace(learned, model=self.model or learned.model, practice=self.rounds_of(rig))
-        found = practise(rig.bench, self.start(name, rig), self.plans(rig), learned, {}, f"practice_{name}")
+        found = practise(
+            rig.bench, self.start(name, rig), self.plans(rig), learned, self.model_settings, f"practice_{name}"
+        )
         for number, one in enumerate(found.rounds):
             print(f"{rig.bench.hardware}/{name}, round {number}: {one}", flush=True)
         return found

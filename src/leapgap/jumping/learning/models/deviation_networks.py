@@ -6,7 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from leapgap.jumping.learning.deviation_recipe import BALLISTIC_S, DeviationRecipe, DeviationTask
+from leapgap.jumping.learning.deviation_recipe import DeviationRecipe, DeviationTask
+from leapgap.jumping.learning.deviations import BALLISTIC_S
 from leapgap.jumping.learning.models.deviation_kernel import REGRESSORS, mode_of, places
 from leapgap.jumping.learning.network import Mlp, random_mlp
 from leapgap.jumping.learning.recipe import Fitting, ModelSettings
@@ -111,4 +112,5 @@ class DeviationNetworksRecipe(DeviationRecipe):
         config = task.settings(DeviationNetworksConfig)
         landing_s = float(max(jump.steps.end_s[-1] for jump in task.jumps))
         start = initial_networks(task, config, landing_s, np.random.default_rng(task.seed))
-        return deviation_training.fit(start, task.jumps, config.horizon, config.fitting, task.seed)
+        calm = [jump for jump in task.jumps if jump.kicked is None]  # roll-outs would go across a kick
+        return deviation_training.fit(start, calm, config.horizon, config.fitting, task.seed)
