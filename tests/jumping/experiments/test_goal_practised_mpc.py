@@ -10,8 +10,9 @@ from leapgap.jumping.control.excitation import Excitation
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
 from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
+from leapgap.jumping.experiments.learned_config import PracticeRounds
 from leapgap.jumping.experiments.methods.goal_practised_mpc import GoalMpcMethod
-from leapgap.jumping.experiments.on_policy import PracticeRounds, round_trials
+from leapgap.jumping.experiments.on_policy import round_trials
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.training_jumps import GoalOffsets
 from leapgap.jumping.experiments.trial_spec import TrialResult

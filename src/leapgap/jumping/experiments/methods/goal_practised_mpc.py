@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
@@ -13,11 +13,12 @@ from leapgap.jumping.control.shifted_plan import DEVIATIONS
 from leapgap.jumping.control.tracking import JointPd, JumpController
 from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, GoalDirectedJump, JumpPlanner
 from leapgap.jumping.experiments.landing_model import LandingModel, LandingSamples, best_goal
+from leapgap.jumping.experiments.learned_config import PracticeRounds
 from leapgap.jumping.experiments.method import References
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.mpc import MpcMethod
 from leapgap.jumping.experiments.methods.practised_mpc import PractisedMpcSettings
-from leapgap.jumping.experiments.on_policy import PracticeRounds
+from leapgap.jumping.experiments.rig import Rig
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.training_jumps import DATA_SHEET, GoalOffsets, run_practice
 from leapgap.jumping.learning.models.deviation_kernel import DeviationKernelConfig
@@ -29,9 +30,6 @@ from leapgap.jumping.planning.solve import Solution, landing_goal
 from leapgap.jumping.task import Target, begin_of, metadata_of, target_of
 from leapgap.logs.cutting import rows_between
 from leapgap.logs.log import Log
-
-if TYPE_CHECKING:
-    from leapgap.jumping.experiments.rig import Rig
 
 
 class GoalMpcJump(GoalDirectedJump):
@@ -141,7 +139,7 @@ class GoalPractisedMpcSettings(PractisedMpcSettings):
     kernel: DeviationKernelConfig = field(default_factory=lambda: DeviationKernelConfig(target_m=1.0, stance_rad=0.5))
     """Smooth over goals and stances, for the jumps of each are few."""
 
-    def start(self, name: str, rig: "Rig") -> GoalMpcMethod:
+    def start(self, name: str, rig: Rig) -> GoalMpcMethod:
         """Joint PD to goals that the training jumps taught."""
         settings, bench = rig.settings, rig.bench
         planner = JumpPlanner(planar_robot(rig.robot), settings.schedule, settings.limits)
@@ -159,7 +157,7 @@ class GoalPractisedMpcSettings(PractisedMpcSettings):
             identified=(*learned.effects, *DATA_SHEET),
         )
 
-    def rounds_of(self, rig: "Rig") -> PracticeRounds:
+    def rounds_of(self, rig: Rig) -> PracticeRounds:
         """Those of the learned MPC, fewer, and from blocks."""
         block_m = rig.settings.practice.block_m
         return replace(super().rounds_of(rig), first_jumps=self.simulated, rounds=self.rounds, block_m=block_m)
@@ -169,6 +167,6 @@ class GoalPractisedMpcSettings(PractisedMpcSettings):
         """Those of the kernel."""
         return {self.kernel.section: self.kernel}
 
-    def plans(self, rig: "Rig") -> References:
+    def plans(self, rig: Rig) -> References:
         """Plans are made before each jump."""
         return {Target(x_m): rig.bench.level for x_m in rig.settings.learned.practice.distances_m}
