@@ -83,7 +83,14 @@ def commands(sent: object) -> np.ndarray:
 def case(
     request: pytest.FixtureRequest, robot: Robot, reference: Log, tmp_path_factory: pytest.TempPathFactory
 ) -> Case:
-    kind, plan = KINDS[request.param], Reference.of(reference, robot)
+    folder, kind = tmp_path_factory.mktemp(request.param), KINDS[request.param]
+    ticks = export_learned(robot, reference, folder, kind)
+    return Case(kind, Reference.of(reference, robot), robot, ticks, compiled(folder))
+
+
+def export_learned(robot: Robot, reference: Log, folder: Path, kind: type[JumpMpc] = JumpMpc) -> list[StateEstimate]:
+    """Export the controller; what it is told in a kicked jump with noise."""
+    plan = Reference.of(reference, robot)
     ticks: list[StateEstimate] = []
 
     class Recorder(kind):  # type: ignore[valid-type,misc]
@@ -94,9 +101,8 @@ def case(
     task = JumpTask("push_50", 0.5, kick_m_s=0.25, disturbed_at_s=(0.3,))
     recorder = Recorder(plan, robot, GAINS, Drifting(), CONFIG)
     attempt_task(task, lambda _: [recorder], reference, (), TrialSetup(robot), np.random.default_rng(2))
-    folder = tmp_path_factory.mktemp(request.param)
     write_controller(kind(plan, robot, GAINS, Drifting(), CONFIG), folder, {"robot": robot.name})
-    return Case(kind, plan, robot, ticks, compiled(folder))
+    return ticks
 
 
 def test_c_sends_the_commands_of_python(case: Case) -> None:

@@ -39,10 +39,12 @@ class Round:
     """Mean |landing − prediction| along x from the states 150 ms before take-off, cm."""
     pitch_deg: float
     """Mean |pitch − plan| at the landing."""
+    simulated: bool = False
+    """Whether they are of the identified robot, and no jumps of the robot itself."""
 
     def __str__(self) -> str:
         told = f"{self.landed_cm:.1f} cm beside the plan, {self.predicted_cm:.1f} cm beside the prediction"
-        return f"{self.jumps} jumps land {told}, pitched {self.pitch_deg:.0f} degrees"
+        return f"{self.jumps}{' simulated' * self.simulated} jumps land {told}, pitched {self.pitch_deg:.0f} degrees"
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,8 @@ def practise(
         if not made:
             continue  # all fell, and teach nothing
         landings.append(landed)
-        rounds.append(judged(made, models[-1]))
+        simulated = not number and method.identified is not None
+        rounds.append(replace(judged(made, models[-1]), simulated=simulated))
         jumps += made
         models.append(
             deviation_recipes()[config.model].fit(DeviationTask(jumps, nominal.model.body, settings, bench.seed))

@@ -74,7 +74,9 @@ def tracker_of(chosen: ExportSettings, experiment: LandingExperiment, executor: 
         for path in (Path(chosen.landings) / RUNS / hardware.place).glob("practice*") if chosen.landings else ():
             if path.is_dir():
                 shutil.copytree(path, folder / hardware.place / path.name)
-        rig = experiment.rig(hardware, TrialRunner(ResultCache(folder), executor.map, print_trial))
+        practised = experiment.settings.practised
+        earlier = ResultCache(Path(practised) / RUNS) if practised else None
+        rig = experiment.rig(hardware, TrialRunner(ResultCache(folder), executor.map, print_trial, earlier=earlier))
         task = JumpTask("export", *chosen.target, stance_is_seen=chosen.stance_is_seen)
         reference = Reference.of(rig.plan(task.target), rig.robot)  # refuses what no robot does, before practice
         method = rig.method(chosen.method)
