@@ -59,7 +59,8 @@ class ExportSettings:
             until_ms, pitches = round(1000 * tracker.late.until_s), tracker.late.pitches
             slopes = f"{pitches[0]:g} to {pitches[-1]:g} rad"
             return [f"it measures the slope of the ground in the first {until_ms} ms, {slopes}"]
-        says = "there is no plan from another slope: it does not measure the ground, which must slope as configured"
+        why = "" if isinstance(tracker, JumpMpc) else "there is no plan from another slope: "
+        says = f"{why}it does not measure the ground, which must slope as configured"
         return [] if self.stance_is_seen else [says]
 
 
@@ -84,6 +85,9 @@ def tracker_of(chosen: ExportSettings, experiment: LandingExperiment, executor: 
         if not isinstance(jump, GoalShiftJump | GoalMpcJump | JumpMpc):
             kinds = "a method of kind learned_goal_mpc, practised_mpc or goal_practised_mpc"
             raise InputError("export.method", chosen.method, kinds, "choose one")
+        if isinstance(jump, JumpMpc) and chosen.stance_pitch_rad:
+            expected = f"0: plans of {chosen.method} begin on level ground"
+            raise InputError("export.stance_pitch_rad", f"{chosen.stance_pitch_rad:g}", expected, "leave it out")
         tracker = jump if isinstance(jump, JumpMpc) else jump.plan_from(chosen.stance_pitch_rad)
     if not isinstance(tracker, ShiftTracker | JumpMpc):
         found = "no plans to ({:g}, {:g}) m and around it".format(*chosen.target)
