@@ -1,4 +1,4 @@
-"""Write the goal-shift controller of one jump as C, NumPy and ONNX, for a robot that runs without leapgap.
+"""Write the controller of one jump as C, goal-shift MPC as NumPy and ONNX too, for a robot that runs without leapgap.
 
 Examples:
 

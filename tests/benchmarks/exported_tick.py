@@ -3,7 +3,8 @@
 A controller with tables as large as those of a robot that practised (108 simulated and 36 own jumps), compiled with
 ``gcc -O2``, on the estimates of one jump in closed loop from unseen blocks with a kick. Every tick is timed in C.
 Given apart are the ticks that measure the stance, the one that decides what follows from it, and those in which a
-quadratic program is solved, one in 25. ``python -m tests.benchmarks.exported_tick --json <file>``.
+quadratic program is solved, one in 25; and those of the learned MPC, with and without its quadratic program.
+``python -m tests.benchmarks.exported_tick --json <file>``.
 """
 
 import argparse
@@ -25,6 +26,7 @@ from tests.benchmarks import run_benchmark
 from tests.benchmarks.tick.goal_shift_ticks import KINDS, OWN, kind_of
 from tests.benchmarks.tick.timings import load
 from tests.jumping.export.conftest import new_tracker, raw, record_jump
+from tests.jumping.export.test_force_controller import export_learned
 
 PROGRAM = """
 #include <stdio.h>
@@ -54,7 +56,7 @@ int main(int count, char **arguments) {
 def tick_times(folder: Path, estimates: bytes, repeats: int) -> np.ndarray:
     """Times of all ticks of the controller in a folder, µs, (repeats, ticks)."""
     (folder / "timing.c").write_text(PROGRAM)
-    sources = ["timing.c", "jump_controller.c", "jump_program.c", "tables.c"]
+    sources = sorted(path.name for path in folder.glob("*.c") if path.name != "main.c")
     subprocess.run(["gcc", "-std=gnu99", "-O2", *sources, "-o", "timing", "-lm"], cwd=folder, check=True)
     done = subprocess.run([str(folder / "timing"), str(repeats)], input=estimates, capture_output=True, check=True)
     return np.frombuffer(done.stdout).reshape(repeats, -1)
@@ -76,23 +78,29 @@ def main() -> None:
     repeats = 1 if chosen.tiny else chosen.repeats
     robot = Robot.load()
     before = load()
-    jump = record_jump(robot, plan_reference(Target(0.5), planar_robot(robot), ContactSchedule()), late=True)
+    reference = plan_reference(Target(0.5), planar_robot(robot), ContactSchedule())
+    jump = record_jump(robot, reference, late=True)
     with tempfile.TemporaryDirectory() as name:
         tracker = new_tracker(robot, own=OWN, late=True)
         tables = write_controller(tracker, Path(name), {})
         times = tick_times(Path(name), raw(jump.estimates), repeats)
+    with tempfile.TemporaryDirectory() as name:
+        learned = tick_times(Path(name), raw(export_learned(robot, reference, Path(name))), repeats)
+    solved = np.isin(np.arange(learned.shape[1]), np.arange(0, 800, 25))
     updates = int(tables.numbers["UPDATES"])
     kinds = np.array([kind_of(tick, updates) for tick in range(times.shape[1])])
     result = {
         "tick_us": row(times),
         **{f"{kind}_us": row(times[:, kinds == kind]) for kind in KINDS},
+        "learned_us": row(learned[:, ~solved]),
+        "learned_solved_us": row(learned[:, solved]),
         "ticks": int(times.size),
         "samples": int(tables.numbers["SAMPLES"]),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, gcc -O2, one thread",
         "load": {"before": before, "after": load()},
     }
     write_json(chosen.json, result)
-    for name in ("tick_us", *(f"{kind}_us" for kind in KINDS)):
+    for name in ("tick_us", *(f"{kind}_us" for kind in KINDS), "learned_us", "learned_solved_us"):
         print(f"{name:18} " + ", ".join(f"{key} {value}" for key, value in result[name].items()))
 
 

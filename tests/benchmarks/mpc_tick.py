@@ -30,7 +30,7 @@ from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.control.mpc_controller import JumpMpc
 from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.experiments.on_policy import LearnedMpcConfig
+from leapgap.jumping.experiments.learned_config import LearnedMpcConfig
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.affine_model import PredictionModel
 from leapgap.jumping.models.deviation_model import DeviationModel

@@ -133,7 +133,7 @@ def test_forces_are_the_exact_ones(time_s: float) -> None:
     rng, row = np.random.default_rng(5), REFERENCE.row(time_s)
     state = REFERENCE.state[row] + rng.normal(size=6) * [0.03, 0.03, 0.1, 0.3, 0.3, 1.0]
     plain, *compiled = planners(Springy())
-    ready = plain._prepared.get(round(1e6 * time_s)) or plain.formulation.prepare(time_s)
+    ready = plain.prepared.get(round(1e6 * time_s)) or plain.formulation.prepare(time_s)
     problem = plain._problem(time_s, ready, state, REFERENCE.foot[row])
     assert problem is not None
     expected = ready.forces(by_least_distance(problem))

@@ -79,7 +79,7 @@ def learned(*widths: tuple[int, ...], kernels: bool = False) -> ExportedModel:
 
 def exact_forces(planner: ForcePlanner, time_s: float, state: np.ndarray, foot: np.ndarray) -> np.ndarray:
     """Forces (n, 4) of the same problem by non-negative least squares."""
-    ready = planner._prepared.get(round(1e6 * time_s)) or planner.formulation.prepare(time_s)
+    ready = planner.prepared.get(round(1e6 * time_s)) or planner.formulation.prepare(time_s)
     problem = planner._problem(time_s, ready, state, foot)
     assert problem is not None
     return ready.forces(by_least_distance(problem))

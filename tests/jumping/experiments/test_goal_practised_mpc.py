@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from leapgap.effects import effect
 from leapgap.jumping.control.excitation import Excitation
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
 from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
+from leapgap.jumping.experiments.learned_config import PracticeRounds
 from leapgap.jumping.experiments.methods.goal_practised_mpc import GoalMpcMethod
-from leapgap.jumping.experiments.on_policy import PracticeRounds, round_trials
+from leapgap.jumping.experiments.on_policy import round_trials
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.training_jumps import GoalOffsets
 from leapgap.jumping.experiments.trial_spec import TrialResult
@@ -18,6 +20,7 @@ from leapgap.jumping.learning.deviations import deviating_jump
 from leapgap.jumping.models.affine_model import AffineModel
 from leapgap.jumping.models.deviation_model import DeviationModel, NominalDeviation, PlannedSteps
 from leapgap.jumping.models.planar import planar_robot
+from leapgap.jumping.task import Target
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.sensors import SensorNoise
 from tests.conftest import A1_BODY
@@ -113,3 +116,19 @@ def test_practice_draws_goals_and_forces_of_its_own(still: Bench) -> None:
     assert (np.abs(offsets) <= [0.03, 0.03, 0.05]).all()
     assert len(np.unique(offsets)) == offsets.size
     assert len({trial.method.seed for trial in trials}) == 3  # type: ignore[attr-defined]
+
+
+def test_the_first_jumps_are_of_the_identified_robot_and_kicked_within_a_step(still: Bench) -> None:
+    identified = (effect("joint_damping", location="all", damping=0.7),)
+    method = method_of(still, NominalDeviation(A1_BODY), identified=identified)
+    rounds = PracticeRounds(distances_m=(0.5, 0.6), first_jumps=2, rounds=1)
+    plans = replace(method, references={Target(0.5): still.level, Target(0.6): still.level})
+    first, later = (
+        round_trials(still, plans, rounds, number, np.random.default_rng(1), "practice") for number in (0, 1)
+    )
+    assert len(first) == 4
+    assert all(trial.effects == identified for trial in first)
+    assert all(trial.task.kick_m_s > 0 and trial.task.kick_rad_s > 0 for trial in first)
+    times = np.array([trial.task.disturbed_at_s[0] for trial in first])
+    assert (times % method.config.period_s) == pytest.approx(method.config.period_s / 2)
+    assert all(trial.effects == still.effects and trial.task.kick_m_s == 0 for trial in later)

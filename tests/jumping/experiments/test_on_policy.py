@@ -10,8 +10,9 @@ import pytest
 from leapgap.jumping.experiments import on_policy
 from leapgap.jumping.experiments.bench import Bench, TrialRunner
 from leapgap.jumping.experiments.landing_model import LandingSamples
+from leapgap.jumping.experiments.learned_config import LearnedMpcConfig, PracticeRounds
 from leapgap.jumping.experiments.methods.mpc import MpcMethod
-from leapgap.jumping.experiments.on_policy import LearnedMpcConfig, PracticeRounds, Practised, Round, judged, practise
+from leapgap.jumping.experiments.on_policy import Practised, Round, judged, practise
 from leapgap.jumping.experiments.trial_spec import TrialSpec
 from leapgap.jumping.learning.deviations import DeviatingJump
 from leapgap.jumping.models.deviation_model import NominalDeviation, PlannedSteps

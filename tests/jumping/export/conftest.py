@@ -5,6 +5,7 @@ One is from the ground that its plan knows, one from blocks that it measures at 
 
 import shutil
 import subprocess
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -222,3 +223,28 @@ def run_program(program: Path, estimates: list[StateEstimate]) -> np.ndarray:
     """Commands of the C program, (ticks, 64)."""
     answer = subprocess.run([str(program)], input=raw(estimates), capture_output=True, check=True).stdout
     return np.frombuffer(answer).reshape(len(estimates), -1)
+
+
+def turned(estimates: Sequence[StateEstimate], yaw: float) -> list[StateEstimate]:
+    """The same jump of a robot that starts elsewhere, with another heading."""
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    about_z = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+    half_c, half_s = np.cos(yaw / 2), np.sin(yaw / 2)
+    moved = []
+    for tick in estimates:
+        w, x, y, z = tick.base_quaternion
+        quaternion = [
+            half_c * w - half_s * z,
+            half_c * x - half_s * y,
+            half_c * y + half_s * x,
+            half_c * z + half_s * w,
+        ]
+        moved.append(
+            replace(
+                tick,
+                base_position=about_z @ tick.base_position + np.array([3.0, -2.0, 0.0]),
+                base_quaternion=np.array(quaternion),
+                base_velocity=about_z @ tick.base_velocity,
+            )
+        )
+    return moved

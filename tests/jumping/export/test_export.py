@@ -20,7 +20,7 @@ from leapgap.jumping.experiments.landing_feedback import LandingFeedback
 from leapgap.jumping.export.tables import tables_of
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
-from tests.jumping.export.conftest import GOAL, MEASURED, PARTS, RecordedJump, new_tracker, run_program
+from tests.jumping.export.conftest import GOAL, MEASURED, PARTS, RecordedJump, new_tracker, run_program, turned
 
 CLOSE = 1e-6
 """Largest difference of a command: N·m, rad, rad/s, N."""
@@ -114,31 +114,6 @@ def test_large_disturbances_get_the_commands_of_python(
     assert held_back > 10  # updates whose rate is at its limit
 
 
-def turned(estimates: Sequence[StateEstimate], yaw: float) -> list[StateEstimate]:
-    """The same jump of a robot that starts elsewhere, with another heading."""
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    about_z = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
-    half_c, half_s = np.cos(yaw / 2), np.sin(yaw / 2)
-    moved = []
-    for tick in estimates:
-        w, x, y, z = tick.base_quaternion
-        quaternion = [
-            half_c * w - half_s * z,
-            half_c * x - half_s * y,
-            half_c * y + half_s * x,
-            half_c * z + half_s * w,
-        ]
-        moved.append(
-            replace(
-                tick,
-                base_position=about_z @ tick.base_position + np.array([3.0, -2.0, 0.0]),
-                base_quaternion=np.array(quaternion),
-                base_velocity=about_z @ tick.base_velocity,
-            )
-        )
-    return moved
-
-
 def test_the_onnx_graph_predicts_the_landing(jump: RecordedJump, folder: Path) -> None:
     model, rng = jump.tracker.model, np.random.default_rng(1)
     assert isinstance(model, LandingFeedback)
@@ -154,7 +129,7 @@ def test_the_onnx_graph_predicts_the_landing(jump: RecordedJump, folder: Path) -
 def test_no_memory_is_allocated_and_main_is_ten_lines(folder: Path, program: Path) -> None:
     symbols = subprocess.run(["nm", "-u", str(program)], capture_output=True, check=True, text=True).stdout
     assert not re.search(r"\b(malloc|calloc|realloc|alloca)\b", symbols)
-    for name in ("jump_controller.c", "jump_program.c"):
+    for name in ("jump_controller.c", "jump_program.c", "jump_body.c"):
         assert set(re.findall(r"#include <(.+)>", (folder / name).read_text())) == {"math.h", "string.h"}
     main = (folder / "main.c").read_text()
     body = main[main.index("int main") :].strip().splitlines()
@@ -167,6 +142,7 @@ def test_the_folder_says_what_it_holds(folder: Path) -> None:
     assert names == {
         *("controller.json", "controller.py", "tables.npz", "landing_model.onnx"),
         *("jump_controller.h", "jump_controller.c", "jump_program.h", "jump_program.c", "main.c"),
+        *("jump_body.h", "jump_body.c"),
         *("sizes.h", "tables.h", "tables.c"),
     }
     assert not about["stance_is_measured"]

@@ -6,7 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
 from tests.jumping.export.conftest import RecordedJump, raw
+from tests.jumping.export.test_force_controller import export_learned
 
 MOTOR_NM = 33.5
 """Largest torque of the A1's motors."""
@@ -15,7 +18,15 @@ BAD = (np.nan, np.inf, -np.inf, 1e200, -1e200, 1e9, -1e9, 0.0)
 JUMPS = 12
 
 
-@pytest.fixture(params=["folder", "late_folder"])
+@pytest.fixture(scope="module")
+def learned_folder(robot: Robot, reference: Log, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An export of the learned MPC."""
+    folder = tmp_path_factory.mktemp("learned")
+    export_learned(robot, reference, folder)
+    return folder
+
+
+@pytest.fixture(params=["folder", "late_folder", "learned_folder"])
 def guarded(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """An export, compiled to end at a wrong index, an overflow or a number without a whole one."""
     sources = [str(path) for path in sorted(request.getfixturevalue(request.param).glob("*.c"))]

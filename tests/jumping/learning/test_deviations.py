@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from leapgap.jumping.learning.deviation_recipe import BALLISTIC_S, DeviationTask
-from leapgap.jumping.learning.deviations import DeviatingJump, deviating_jump, rolled_out
+from leapgap.jumping.learning.deviation_recipe import DeviationTask
+from leapgap.jumping.learning.deviations import BALLISTIC_S, DeviatingJump, deviating_jump, rolled_out
 from leapgap.jumping.learning.recipe import Fitting, ModelSettings
 from leapgap.jumping.learning.registry import deviation_recipes
 from leapgap.jumping.learning.windows import TimeGrid
@@ -158,3 +158,28 @@ def test_deviations_are_cut_from_a_log_and_its_plan(reference: Log, robot: Robot
     middle = (TIMES[:-1] + TIMES[1:]) / 2
     assert found.force[:31, 3] == pytest.approx((10 + 100 * middle)[:31], abs=0.2)
     assert np.abs(found.force[:, :3]).max() < 1e-9
+
+
+def test_nothing_is_learned_of_the_step_of_a_kick() -> None:
+    """A kick is no answer of the robot to its forces; what comes after it is."""
+    rng = np.random.default_rng(3)
+    jumps = [made_jump(rng, 0.5) for _ in range(20)]
+    recipe = deviation_recipes()["deviation_kernel"]
+    calm = recipe.fit(DeviationTask(jumps, A1_BODY)).along(jumps[0].steps)
+    for spoiled, differs in ((14, False), (15, True)):
+        kicked = []
+        for jump in jumps:
+            error = jump.error.copy()
+            error[spoiled + 1 :, 3] += 5.0
+            kicked.append(replace(jump, error=error, kicked=14))
+        left_out = [replace(jump, kicked=14) for jump in jumps]
+        expected = recipe.fit(DeviationTask(left_out, A1_BODY)).along(jumps[0].steps)
+        found = recipe.fit(DeviationTask(kicked, A1_BODY)).along(jumps[0].steps)
+        # the deviations after it differ; of the step itself nothing is known but by its neighbours
+        assert (np.abs(found.bias[spoiled, 0] - expected.bias[spoiled, 0]) > 20) == differs
+    assert np.abs(calm.bias[14] - expected.bias[14]).max() < 1.0
+
+
+def test_the_step_of_a_kick_is_the_one_that_holds_its_time(robot: Robot, reference: Log) -> None:
+    for kicked_s, step in ((0.1125, 4), (0.7375, 29), (None, None)):
+        assert deviating_jump(reference, reference, GRID, robot, kicked_s=kicked_s).kicked == step

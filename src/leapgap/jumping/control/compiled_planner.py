@@ -8,7 +8,15 @@ import numpy as np
 
 from leapgap.jumping.control.compiler import require_compiler
 from leapgap.jumping.control.condensed_qp import PreparedQp
-from leapgap.jumping.control.dual_qp import FAILED, INACCURATE, NOT_FINITE, SOLVED, dual_tables, solve_update
+from leapgap.jumping.control.dual_qp import (
+    FAILED,
+    INACCURATE,
+    NOT_FINITE,
+    SOLVED,
+    DualTables,
+    dual_tables,
+    solve_update,
+)
 from leapgap.jumping.control.guarded_solve import NOT_FINITE as REASON_NOT_FINITE
 from leapgap.jumping.control.mpc import ForcePlanner, Solved, microseconds
 from leapgap.jumping.control.mpc_config import MpcConfig
@@ -35,13 +43,13 @@ class CompiledPlanner(ForcePlanner):
     ) -> None:
         require_compiler("mpc.compiled")
         super().__init__(reference, model, config, clock)
-        self._tables = {key: self._update_tables(key / 1e6, ready) for key, ready in self._prepared.items()}
+        self._tables = {key: update_tables(self, key / 1e6, ready).arguments for key, ready in self.prepared.items()}
 
     def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Solved:
         """See ``ForcePlanner``."""
         deadline_s = self.config.demands.deadline_s
         began = 0.0 if deadline_s is None else self.clock()
-        tables = self._tables.get(microseconds(time_s)) or self._update_tables(time_s, prepared)
+        tables = self._tables.get(microseconds(time_s)) or update_tables(self, time_s, prepared).arguments
         state, foot = np.array(self.formulation.start(time_s, state), float), np.array(foot, float)  # as compiled for
         model = self.first_step(state, foot, time_s)
         if deadline_s is not None and self.clock() - began >= deadline_s:
@@ -51,11 +59,13 @@ class CompiledPlanner(ForcePlanner):
             return Solved(None, None, OUT_OF_TIME)
         return Solved(x, None, FAULTS[status])
 
-    def _update_tables(self, time_s: float, prepared: PreparedQp) -> tuple[np.ndarray, ...]:
-        """Arguments of ``solve_update``; at first those rows are active that are so at the reference."""
-        demands, row = self.config.demands, self.reference.row(time_s)
-        tables = dual_tables(prepared, demands.primal_tolerance_n, demands.relative_dual_tolerance)
-        state, foot = self.formulation.start(time_s, self.reference.state[row]).copy(), self.reference.foot[row].copy()
-        model = self.first_step(state, foot, time_s)
-        status, _, active, size = solve_update(state, foot, model, self.config.qp.max_iterations, *tables.arguments)
-        return replace(tables, start=active[:size].copy()).arguments if status == SOLVED else tables.arguments
+
+def update_tables(planner: ForcePlanner, time_s: float, prepared: PreparedQp) -> DualTables:
+    """What ``solve_update`` needs for one update; at first those rows are active that are so at the reference."""
+    demands, reference = planner.config.demands, planner.reference
+    row = reference.row(time_s)
+    tables = dual_tables(prepared, demands.primal_tolerance_n, demands.relative_dual_tolerance)
+    state, foot = planner.formulation.start(time_s, reference.state[row]).copy(), reference.foot[row].copy()
+    model = planner.first_step(state, foot, time_s)
+    status, _, active, size = solve_update(state, foot, model, planner.config.qp.max_iterations, *tables.arguments)
+    return replace(tables, start=active[:size].copy()) if status == SOLVED else tables

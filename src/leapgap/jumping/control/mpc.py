@@ -85,7 +85,7 @@ class AlongPlan(Formulation):
 
     def __init__(self, reference: Reference, model: DeviationModel, config: "MpcConfig") -> None:
         self.reference, self.model, self.config = reference, model, config
-        self._first: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self.first_models: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     @cached_property
     def expected(self) -> tuple[np.ndarray, np.ndarray]:
@@ -111,7 +111,7 @@ class AlongPlan(Formulation):
         affine = along_plan(self.model, self.reference, steps)
         assert affine.by_state is not None
         constant = np.concatenate([affine.bias[0], affine.by_force[0].ravel()])
-        self._first[round(time_s * 1e6)] = constant, affine.by_state[0].T.copy()
+        self.first_models[round(time_s * 1e6)] = constant, affine.by_state[0].T.copy()
         return self.problem(steps, affine.at(slice(1, None)), self.wanted(steps.time_s[1:]), CURVATURE)
 
     def start(self, time_s: float, state: np.ndarray) -> np.ndarray:
@@ -125,7 +125,7 @@ class AlongPlan(Formulation):
 
         def at(state: np.ndarray, foot: np.ndarray, time_s: float) -> np.ndarray:
             del foot
-            constant, by_state = self._first[round(time_s * 1e6)]
+            constant, by_state = self.first_models[round(time_s * 1e6)]
             found = constant.copy()
             found[:3] += state @ by_state
             return found
@@ -201,13 +201,13 @@ class ForcePlanner:
         self.fallbacks: Counter[str] = Counter()
         self._good: ForcePlan | None = None
         updates = np.arange(0.0, reference.schedule.take_off_s - ROUNDING_S, config.period_s)
-        self._prepared = {microseconds(t): self.formulation.prepare(float(t)) for t in updates}
+        self.prepared = {microseconds(t): self.formulation.prepare(float(t)) for t in updates}
 
     def plan(self, time_s: float, state: np.ndarray, foot: np.ndarray) -> ForcePlan:
         """Plan at a time since the start from a measured state (6,) and foot − base (4,), both in the start frame."""
         if time_s > self.reference.schedule.take_off_s - ROUNDING_S:
             return ForcePlan(horizon(self.config.grid, self.reference.schedule, time_s), np.zeros((0, FORCES)))
-        prepared = self._prepared.get(microseconds(time_s)) or self.formulation.prepare(time_s)
+        prepared = self.prepared.get(microseconds(time_s)) or self.formulation.prepare(time_s)
         x, solution, fault = self._solve(time_s, prepared, state, foot)
         if fault is None and x is not None:
             self._good = ForcePlan(prepared.horizon, prepared.forces(x), solution)

@@ -239,8 +239,10 @@ def run_practice(experiment: LandingExperiment, executor: Executor, out: Path) -
 def practice_figures(found: Practised) -> dict[str, Any]:
     """Figures by round, and what was kept."""
     rounds = [asdict(one) for one in found.rounds]
-    by_round = {name: [round_value(one[name]) for one in rounds] for name in rounds[0] if name != "jumps"}
-    return by_round | {"jumps": sum(one["jumps"] for one in rounds), "rounds_kept": found.kept}
+    counted = ("jumps", "simulated")
+    by_round = {name: [round_value(one[name]) for one in rounds] for name in rounds[0] if name not in counted}
+    jumps = sum(one.jumps for one in found.rounds if not one.simulated)
+    return by_round | {"jumps": jumps, "rounds_kept": found.kept}
 
 
 def print_trial(trial: TrialSpec, result: TrialResult) -> None:

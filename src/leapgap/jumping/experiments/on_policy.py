@@ -1,21 +1,21 @@
 """Practice of the learned MPC: jumps by the nominal MPC, then rounds by the MPC that was learned from them all.
 
+Where the robot was identified, the first jumps are simulated ones of the identified robot, kicked at a random time:
+joints with much damping let velocity follow force so closely that jumps without kicks hardly tell C from G.
+
 What a model says is true near the jumps it was learned from. So each round jumps with the model of all rounds before,
 and these jumps count more. A round that lands elsewhere than its model predicted shows that the model is not yet to be
 trusted there.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.jumping.control.condensed_qp import ForceLimits
-from leapgap.jumping.control.excitation import Excitation
-from leapgap.jumping.control.gains import JointGains, PhaseGains
-from leapgap.jumping.control.mpc_config import MpcConfig, StateWeights
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.landing_model import LandingSamples
+from leapgap.jumping.experiments.learned_config import LearnedMpcConfig, PracticeRounds
 from leapgap.jumping.experiments.method import References
 from leapgap.jumping.experiments.methods.mpc import MpcMethod
 from leapgap.jumping.experiments.tasks import JumpTask
@@ -29,54 +29,6 @@ from leapgap.jumping.task import Target
 
 
 @dataclass(frozen=True)
-class PracticeRounds:
-    """How many jumps are made, to which targets, and with which random forces; all on flat ground."""
-
-    distances_m: tuple[float, ...] = (0.35, 0.45, 0.55, 0.65, 0.75)
-    first_jumps: int = 2
-    """Jumps to each target by the nominal MPC."""
-    rounds: int = 7
-    """Of one jump to each target by the learned MPC."""
-    first: Excitation = field(default_factory=lambda: Excitation(40.0))
-    later: Excitation = field(default_factory=lambda: Excitation(15.0))
-    on_policy_weight: float = 5.0
-    """How much a jump of the learned MPC counts beside one of the nominal MPC."""
-    block_m: tuple[float, float] = (0.0, 0.0)
-    """Height of a block under the front feet in every second jump, drawn evenly."""
-    slope_rad: tuple[float, float] = (-0.005, 0.005)
-    trusted_cm: float = 5.0
-    """Largest mean |landing − prediction| of the last round with which the model of all jumps is kept; beyond, that of
-    the round whose landings were predicted best."""
-
-    def __post_init__(self) -> None:
-        """Refuse a practice from which nothing can be learned."""
-        if self.first_jumps < 1 or self.rounds < 0 or not self.distances_m:
-            raise ValueError(
-                "one distance, and one jump to each of them by the nominal MPC, or more; rounds not below 0"
-            )
-
-
-@dataclass(frozen=True)
-class LearnedMpcConfig:
-    """Control, model and practice of the learned MPC."""
-
-    model: str = "deviation_kernel"
-    """Name of a recipe in ``learning/models``."""
-    gains: PhaseGains = field(
-        default_factory=lambda: PhaseGains(JointGains(100.0, 2.0), JointGains(300.0, 3.0), JointGains(100.0, 2.0))
-    )
-    mpc: MpcConfig = field(
-        default_factory=lambda: MpcConfig(
-            weights=StateWeights(50.0, 100.0, 5.0, 10.0, 10.0, 1.0),
-            landing_weights=StateWeights(5000.0, 500.0, 50.0, 0.0, 0.0, 5.0),
-            force_weight=1e-5,
-            limits=ForceLimits(from_plan_n=120.0),
-        )
-    )
-    practice: PracticeRounds = field(default_factory=PracticeRounds)
-
-
-@dataclass(frozen=True)
 class Round:
     """What the jumps of one round showed; ``landed`` beside the plan, ``predicted`` beside the model that made them."""
 
@@ -87,10 +39,12 @@ class Round:
     """Mean |landing − prediction| along x from the states 150 ms before take-off, cm."""
     pitch_deg: float
     """Mean |pitch − plan| at the landing."""
+    simulated: bool = False
+    """Whether they are of the identified robot, and no jumps of the robot itself."""
 
     def __str__(self) -> str:
         told = f"{self.landed_cm:.1f} cm beside the plan, {self.predicted_cm:.1f} cm beside the prediction"
-        return f"{self.jumps} jumps land {told}, pitched {self.pitch_deg:.0f} degrees"
+        return f"{self.jumps}{' simulated' * self.simulated} jumps land {told}, pitched {self.pitch_deg:.0f} degrees"
 
 
 @dataclass(frozen=True)
@@ -138,11 +92,13 @@ def practise(
             landed = landed.extended_by(result.samples)
             flown = None if result.log is None else method.flown(result.log, trial.reference, result.samples)
             if flown is not None:
-                made.append(deviating_jump(*flown, grid, bench.robot, weight))
+                kicked_s = trial.task.disturbed_at_s[0] if trial.task.kick_m_s else None
+                made.append(deviating_jump(*flown, grid, bench.robot, weight, kicked_s))
         if not made:
             continue  # all fell, and teach nothing
         landings.append(landed)
-        rounds.append(judged(made, models[-1]))
+        simulated = not number and method.identified is not None
+        rounds.append(replace(judged(made, models[-1]), simulated=simulated))
         jumps += made
         models.append(
             deviation_recipes()[config.model].fit(DeviationTask(jumps, nominal.model.body, settings, bench.seed))
@@ -155,17 +111,32 @@ def practise(
 def round_trials(
     bench: Bench, method: MpcMethod, practice: PracticeRounds, number: int, rng: np.random.Generator, folder: str
 ) -> list[TrialSpec]:
-    """The jumps of a round; round 0 is the nominal MPC's."""
+    """The jumps of a round; round 0 is the nominal MPC's, simulated where the robot was identified."""
     excitation, repeats = (practice.later, 1) if number else (practice.first, practice.first_jumps)
+    simulated = number == 0 and method.identified is not None
     trials = []
     for i, x_m in enumerate(practice.distances_m * repeats):
         block = practice.block_m if (i + number) % 2 else (0.0, 0.0)
         task, target = JumpTask("practice", x_m, block_m=block, slope_rad=practice.slope_rad), Target(x_m)
         force_seed, seed = (int(one) for one in rng.integers(2**31, size=2))
+        effects = bench.effects
+        if simulated:
+            task, effects = kicked(task, method.config.period_s, rng), method.identified or ()
         place, plan = f"{bench.hardware}/{folder}/round_{number}_{i:02d}", method.references[target]
         own = replace(method, references={target: plan}).excited(excitation, force_seed)
-        trials.append(TrialSpec(place, task, own, plan, bench.effects, bench.world, seed, with_log=True))
+        trials.append(TrialSpec(place, task, own, plan, effects, bench.world, seed, with_log=True))
     return trials
+
+
+KICKED_S = (0.1, 0.75)
+"""Range of the times of simulated kicks, since the start of the jump."""
+
+
+def kicked(task: JumpTask, period_s: float, rng: np.random.Generator) -> JumpTask:
+    """The task with a kick of 0.2 m/s or 1 rad/s in the middle of a step, so that it shows in one step alone."""
+    first, last = (int(time_s / period_s) for time_s in KICKED_S)
+    at_s = float(period_s * (int(rng.integers(first, last)) + 0.5))
+    return replace(task, kick_m_s=0.2, kick_rad_s=1.0, disturbed_at_s=(at_s,))
 
 
 BEFORE_TAKE_OFF_S = 0.15

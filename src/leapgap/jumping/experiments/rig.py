@@ -3,17 +3,17 @@
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from leapgap.errors import InputError
 from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS
+from leapgap.jumping.experiments.learned_config import LearnedMpcConfig
 from leapgap.jumping.experiments.method import Method, References, crouch
-from leapgap.jumping.experiments.methods.base import MethodSettings, PlanSource
-from leapgap.jumping.experiments.on_policy import LearnedMpcConfig
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.training_jumps import PracticeConfig
 from leapgap.jumping.learning.windows import TimeGrid
@@ -26,6 +26,17 @@ from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import read_corrected
+
+
+class PlanSource(Enum):
+    """Which robot a method's jumps are planned for."""
+
+    own = "own"
+    """The robot as its model file describes it, without any correction."""
+    published = "published"
+    """The planar robot of the published planner."""
+    corrected = "corrected"
+    """The robot that a diagnosis corrected."""
 
 
 @dataclass(frozen=True)
@@ -105,12 +116,19 @@ class Plans:
     body: RigidBody
 
 
+class Preparable(Protocol):
+    """What a rig asks of the settings of a method (``methods.base.MethodSettings``)."""
+
+    def prepare(self, name: str, rig: "Rig") -> Method | None:
+        """Train the method on one simulated robot, where it needs that, and return it."""
+
+
 @dataclass
 class Rig:
     """One simulated robot. Each method is prepared once, when it is first asked for, by whichever thread asks."""
 
     settings: LandSettings
-    known: Mapping[str, MethodSettings]
+    known: Mapping[str, Preparable]
     """Settings of every method that can be prepared on this robot, by the method's name."""
     bench: Bench
     tasks: Sequence[JumpTask]

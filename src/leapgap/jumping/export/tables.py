@@ -19,6 +19,7 @@ from leapgap.jumping.control.late_stance import LateStance
 from leapgap.jumping.control.leg_chains import LegChains
 from leapgap.jumping.control.shift_efforts import Efforts
 from leapgap.jumping.control.sudden_change import RECENT
+from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.landing_feedback import LandingFeedback
 from leapgap.jumping.experiments.landing_model import LandingModel
 from leapgap.robot.model import Robot
@@ -29,8 +30,6 @@ IN_PLAN |= {"FOOT": "foot"}
 """Parts of a row of the plan, in their order."""
 MEANING = {
     "plan": "rows of the plan: value, then slopes by a shift of the goal in x, z, pitch, and by the stance if measured",
-    "gains": "kp and kd of each phase, by joint",
-    "gains_of_row": "which of them holds in a row of the plan",
     "planned_goal": "goal of the plan: x, z, pitch",
     "target": "where to land: x, z, pitch",
     "stance_pitch": "pitches of the ground that may be measured at the start, rising, rad, nose-down",
@@ -58,6 +57,11 @@ MEANING = {
     "effort_room": "distance of the plan to the limit",
     "largest_shift": "of the goal",
     "largest_change": "of the shift at one update",
+}
+
+MEANING_OF_BODY = {
+    "gains": "kp and kd of each phase, by joint",
+    "gains_of_row": "which of them holds in a row of the plan",
     "links_of_foot": "first link of each foot in the tables of links, and their number",
     "link_position": "of a link in the one before, m",
     "link_rotation": "of a link in the one before, row by row",
@@ -75,14 +79,17 @@ MEANING = {
     "largest_angular_velocity": "the same, rad/s",
     "largest_joint_pos": "the same, rad",
 }
+"""Of the tables of all controllers."""
 
 
 @dataclass(frozen=True)
 class ControllerTables:
-    """Arrays by name (``MEANING``), and numbers by name: sizes and places as int, others as float."""
+    """Arrays by name, and numbers by name: sizes and places as int, others as float."""
 
     arrays: Mapping[str, np.ndarray]
     numbers: Mapping[str, int | float]
+    meaning: Mapping[str, str]
+    """What each array holds."""
 
 
 def tables_of(tracker: ShiftTracker) -> ControllerTables:
@@ -96,29 +103,18 @@ def tables_of(tracker: ShiftTracker) -> ControllerTables:
         stance_tables(tracker),
         model_tables(model),
         program_tables(planner),
-        leg_tables(tracker.robot),
     ]
     arrays = {name: values for part in parts for name, values in part.items()}
     arrays |= {
         "planned_goal": np.asarray(tracker.goal, float),
         "target": np.asarray(planner.target, float),
-        "torque_limit": tracker.border.limit_nm,
-        "quaternion_norms": np.array(QUATERNION_NORMS),
     }
-    of_border = {"position": "base_position", "velocity": "base_velocity", "angular_velocity": "base_angular_velocity"}
-    of_border |= {"joint_pos": "joint_pos"}
     config, late = tracker.config, tracker.late
     numbers: dict[str, int | float] = {
         **sizes(arrays, planner),
-        **{f"OF_{name}": start for name, start in starts(tracker).items()},
+        **starts(tracker),
         "KEPT": tracker.kept_rows,
-        "HOLD_TICKS": tracker.border.safe.hold_ticks,
-        "SAFE_KP": tracker.border.safe.damping.kp_nm_per_rad,
-        "SAFE_KD": tracker.border.safe.damping.kd_nms_per_rad,
-        "ROW_S": tracker.reference.period_s,
         "UPDATE_S": config.period_s,
-        "TAKE_OFF_S": tracker.reference.schedule.take_off_s,
-        "LANDING_S": tracker.reference.schedule.landing_s,
         "STANCE_PITCH_RAD": float(tracker.stance_pitch),
         "MEASURED_UNTIL_S": 0.0 if late is None else late.until_s,
         "REACHED_IN_S": LateStance.reach_s if late is None else late.reach_s,
@@ -131,27 +127,54 @@ def tables_of(tracker: ShiftTracker) -> ControllerTables:
         "LARGEST_PITCH_RAD": config.largest_pitch_rad,
         "BELOW_TARGET_M": config.below_target_m,
         "TORQUE_NM": config.torque_nm,
+    }
+    return with_body(tracker, arrays, numbers, MEANING)
+
+
+def with_body(
+    tracker: JumpController,
+    arrays: Mapping[str, np.ndarray],
+    numbers: Mapping[str, int | float],
+    meaning: Mapping[str, str],
+) -> ControllerTables:
+    """The tables of a controller with those of its robot, its border and its schedule."""
+    of_border = {"position": "base_position", "velocity": "base_velocity", "angular_velocity": "base_angular_velocity"}
+    of_border |= {"joint_pos": "joint_pos"}
+    own = leg_tables(tracker.robot) | {
+        "torque_limit": tracker.border.limit_nm,
+        "quaternion_norms": np.array(QUATERNION_NORMS),
+        **{f"largest_{name}": np.array(LARGEST[key]) for name, key in of_border.items()},
+    }
+    border, schedule = tracker.border.safe, tracker.reference.schedule
+    shared: dict[str, int | float] = {
+        "ROWS": len(arrays["plan"]),
+        "COLUMNS": arrays["plan"].shape[2],
+        "PHASES": len(arrays["gains"]),
+        "JOINTS": len(own["torque_limit"]),
+        "LINKS": len(own["link_joint"]),
+        "FEET": len(own["foot_point"]),
+        "HOLD_TICKS": border.hold_ticks,
+        "SAFE_KP": border.damping.kp_nm_per_rad,
+        "SAFE_KD": border.damping.kd_nms_per_rad,
+        "ROW_S": tracker.reference.period_s,
+        "TAKE_OFF_S": schedule.take_off_s,
+        "LANDING_S": schedule.landing_s,
         "LONGEST_GAP_S": LONGEST_GAP_S,
         "LARGEST_TIME_S": LARGEST_TIME_S,
     }
-    arrays |= {f"largest_{name}": np.array(LARGEST[key]) for name, key in of_border.items()}
-    return ControllerTables(arrays, numbers)
+    return ControllerTables({**arrays, **own}, {**numbers, **shared}, {**MEANING_OF_BODY, **meaning})
 
 
-def starts(tracker: ShiftTracker) -> dict[str, int]:
+def starts(tracker: JumpController) -> dict[str, int]:
     """Where each part begins in a row of the plan."""
     widths = [getattr(tracker.reference, quantity).shape[1] for quantity in IN_PLAN.values()]
-    return dict(zip(IN_PLAN, [int(at) for at in np.cumsum([0, *widths[:-1]])], strict=True))
+    return {f"OF_{name}": int(at) for name, at in zip(IN_PLAN, np.cumsum([0, *widths[:-1]]), strict=True)}
 
 
 def sizes(arrays: Mapping[str, np.ndarray], planner: GoalShiftPlanner) -> dict[str, int | float]:
     """Lengths of the tables, by the names of their macros in C."""
     return {
-        "ROWS": len(arrays["plan"]),
-        "COLUMNS": arrays["plan"].shape[2],
         "AXES": planner.plan.axes,
-        "PHASES": len(arrays["gains"]),
-        "JOINTS": len(arrays["torque_limit"]),
         "UPDATES": planner.grid.updates,
         "VARIABLES": arrays["hessian"].shape[1],
         "KNOTS": len(arrays["authority_x"]),
@@ -159,23 +182,23 @@ def sizes(arrays: Mapping[str, np.ndarray], planner: GoalShiftPlanner) -> dict[s
         "EFFORTS": len(arrays["effort_step"]),
         "LARGEST_EFFORTS": int(np.diff(arrays["efforts_of_update"]).max()),
         "SAMPLES": len(arrays["landing_sample"]),
-        "LINKS": len(arrays["link_joint"]),
-        "FEET": len(arrays["foot_point"]),
     }
 
 
 def plan_tables(tracker: ShiftTracker) -> dict[str, np.ndarray]:
     """The plan with its slopes, and the gains of its rows."""
-    plan, targets = tracker.plan, tracker.targets
+    plan = tracker.plan
     values = np.concatenate([getattr(plan.reference, quantity) for quantity in IN_PLAN.values()], axis=1)
     slopes = np.concatenate([plan.slopes[quantity] for quantity in IN_PLAN.values()], axis=2)
-    both = np.stack([targets.kp, targets.kd], axis=1)
+    moved = np.concatenate([values[:, None], slopes.transpose(1, 0, 2)], axis=1)
+    return {"plan": moved} | gain_tables(tracker)
+
+
+def gain_tables(tracker: JumpController) -> dict[str, np.ndarray]:
+    """The gains of the plan's rows."""
+    both = np.stack([tracker.targets.kp, tracker.targets.kd], axis=1)
     gains, of_row = np.unique(both.reshape(len(both), -1), axis=0, return_inverse=True)
-    return {
-        "plan": np.concatenate([values[:, None], slopes.transpose(1, 0, 2)], axis=1),
-        "gains": gains.reshape(-1, *both.shape[1:]),
-        "gains_of_row": of_row.reshape(-1).astype(np.int32),
-    }
+    return {"gains": gains.reshape(-1, *both.shape[1:]), "gains_of_row": of_row.reshape(-1).astype(np.int32)}
 
 
 def stance_tables(tracker: ShiftTracker) -> dict[str, np.ndarray]:

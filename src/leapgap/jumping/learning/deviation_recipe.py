@@ -10,9 +10,6 @@ from leapgap.jumping.learning.recipe import ModelSettings, Settings, settings_in
 from leapgap.jumping.models.deviation_model import DeviationModel
 from leapgap.jumping.models.rigid_body import RigidBody
 
-BALLISTIC_S = 0.2
-"""Before the planned landing: feet may touch down there, so nothing is learned and the deviation flies on freely."""
-
 
 @dataclass(frozen=True)
 class DeviationTask:

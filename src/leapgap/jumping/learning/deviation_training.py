@@ -2,23 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import lightning
 import numpy as np
 import torch
 
-from leapgap.jumping.learning.deviation_recipe import BALLISTIC_S
-from leapgap.jumping.learning.deviations import DeviatingJump
+from leapgap.jumping.learning.deviation_ensemble import DeviationNetworks
+from leapgap.jumping.learning.deviations import BALLISTIC_S, DeviatingJump
 from leapgap.jumping.learning.models.deviation_kernel import mode_of, places
 from leapgap.jumping.learning.network import Mlp
 from leapgap.jumping.learning.recipe import Fitting
 from leapgap.jumping.learning.training import EmptySteps, optimiser_of, silence_advice
 from leapgap.jumping.models.deviation_model import CURVATURE
 from leapgap.logs.pair_force import per_axis
-
-if TYPE_CHECKING:  # the networks import their training where they are trained
-    from leapgap.jumping.learning.models.deviation_networks import DeviationNetworks
 
 ERROR_SCALE = (0.02, 0.02, 0.05, 0.1, 0.1, 0.4)
 """Errors of a prediction that count alike, m, rad, s."""
@@ -28,7 +25,7 @@ class RollOuts(lightning.LightningModule):
     """All jumps as tensors, the networks, and the loss of their roll-outs from every step."""
 
     def __init__(
-        self, start: "DeviationNetworks", jumps: Sequence[DeviatingJump], horizon: int, fitting: Fitting
+        self, start: DeviationNetworks, jumps: Sequence[DeviatingJump], horizon: int, fitting: Fitting
     ) -> None:
         super().__init__()
         self.fitting = fitting
@@ -95,8 +92,8 @@ class RollOuts(lightning.LightningModule):
 
 
 def fit(
-    start: "DeviationNetworks", jumps: Sequence[DeviatingJump], horizon: int, fitting: Fitting, seed: int
-) -> "DeviationNetworks":
+    start: DeviationNetworks, jumps: Sequence[DeviatingJump], horizon: int, fitting: Fitting, seed: int
+) -> DeviationNetworks:
     """Train from the weights of ``start``; the same jumps, settings and seed give the same weights."""
     silence_advice()
     torch.set_num_threads(1)

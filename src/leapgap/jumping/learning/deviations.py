@@ -14,6 +14,8 @@ from leapgap.logs.log import Log
 from leapgap.logs.pair_force import per_axis
 from leapgap.robot.model import Robot
 
+BALLISTIC_S = 0.2
+"""Before the planned landing: feet may touch down there, so nothing is learned and the deviation flies on freely."""
 SMOOTHED_ROWS = 3
 """Before and after each sample, of which the mean is taken against the noise of the sensors."""
 
@@ -30,6 +32,14 @@ class DeviatingJump:
     """Mean over each step of the force that the MPC decided − that of the plan, (n, 4), N."""
     weight: float = 1.0
     """How much it counts in a fit."""
+    kicked: int | None = None
+    """Step in which something sudden moved it, of which nothing is learned; None: none."""
+
+    @property
+    def learned(self) -> np.ndarray:
+        """Whether each step is one to learn from, (n,): feet may touch down in the last of them."""
+        ends = self.steps.time_s < self.steps.end_s[-1] - BALLISTIC_S - 1e-6
+        return ends & (np.arange(len(self.steps)) != self.kicked)
 
     @property
     def step_s(self) -> np.ndarray:
@@ -51,15 +61,18 @@ def planned_steps(plan: Log, grid: TimeGrid, robot: Robot) -> PlannedSteps:
     return PlannedSteps(begin, times[1:], foot, schedule.in_contact(begin), target_of(plan), stance_rad)
 
 
-def deviating_jump(jump: Log, plan: Log, grid: TimeGrid, robot: Robot, weight: float = 1.0) -> DeviatingJump:
-    """A jump that begins with the first row of its log, along its plan."""
+def deviating_jump(
+    jump: Log, plan: Log, grid: TimeGrid, robot: Robot, weight: float = 1.0, kicked_s: float | None = None
+) -> DeviatingJump:
+    """A jump that begins with the first row of its log, along its plan; kicked at ``kicked_s`` since its start."""
     times = grid.sample_times(schedule_of(plan))
+    kicked = None if kicked_s is None else int(np.searchsorted(times, kicked_s)) - 1
     error = deviation(jump, plan, times)
     stands = per_axis(schedule_of(plan).in_contact(plan.time))
     force = mean_over_steps(jump, planned_forces(jump), times) - mean_over_steps(
         plan, planned_forces(plan) * stands, times
     )
-    return DeviatingJump(jump.name, planned_steps(plan, grid, robot), error, force, weight)
+    return DeviatingJump(jump.name, planned_steps(plan, grid, robot), error, force, weight, kicked)
 
 
 def deviation(jump: Log, plan: Log, times_s: np.ndarray) -> np.ndarray:

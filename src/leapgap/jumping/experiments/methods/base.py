@@ -2,24 +2,10 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from enum import Enum
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from leapgap.jumping.experiments.method import Method
-
-if TYPE_CHECKING:
-    from leapgap.jumping.experiments.rig import LandSettings, Rig
-
-
-class PlanSource(Enum):
-    """Which robot a method's jumps are planned for."""
-
-    own = "own"
-    """The robot as its model file describes it, without any correction."""
-    published = "published"
-    """The planar robot of the published planner."""
-    corrected = "corrected"
-    """The robot that a diagnosis corrected."""
+from leapgap.jumping.experiments.rig import LandSettings, Rig
 
 
 @dataclass(frozen=True)
@@ -32,12 +18,12 @@ class MethodSettings(ABC):
 
     name: ClassVar[str]
 
-    def check(self, name: str, settings: "LandSettings") -> None:
+    def check(self, name: str, settings: LandSettings) -> None:
         """Raise an ``InputError`` where the settings cannot work, before anything is run; ``name`` is the method's."""
         del name, settings
 
     @abstractmethod
-    def prepare(self, name: str, rig: "Rig") -> Method | None:
+    def prepare(self, name: str, rig: Rig) -> Method | None:
         """Train the method on one simulated robot, where it needs that, and return it.
 
         Where an input is missing, one line is printed and None returned; the method is then left out.

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
@@ -13,13 +13,16 @@ from leapgap.jumping.control.shifted_plan import DEVIATIONS
 from leapgap.jumping.control.tracking import JointPd, JumpController
 from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, GoalDirectedJump, JumpPlanner
 from leapgap.jumping.experiments.landing_model import LandingModel, LandingSamples, best_goal
+from leapgap.jumping.experiments.learned_config import PracticeRounds
 from leapgap.jumping.experiments.method import References
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.mpc import MpcMethod
 from leapgap.jumping.experiments.methods.practised_mpc import PractisedMpcSettings
-from leapgap.jumping.experiments.on_policy import PracticeRounds
+from leapgap.jumping.experiments.rig import Rig
 from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.training_jumps import GoalOffsets, run_practice
+from leapgap.jumping.experiments.training_jumps import DATA_SHEET, GoalOffsets, run_practice
+from leapgap.jumping.learning.models.deviation_kernel import DeviationKernelConfig
+from leapgap.jumping.learning.recipe import ModelSettings
 from leapgap.jumping.models.deviation_model import DeviationModel, NominalDeviation
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.planning.reference import Gains, to_jump
@@ -27,9 +30,6 @@ from leapgap.jumping.planning.solve import Solution, landing_goal
 from leapgap.jumping.task import Target, begin_of, metadata_of, target_of
 from leapgap.logs.cutting import rows_between
 from leapgap.logs.log import Log
-
-if TYPE_CHECKING:
-    from leapgap.jumping.experiments.rig import Rig
 
 
 class GoalMpcJump(GoalDirectedJump):
@@ -97,7 +97,7 @@ class GoalMpcMethod(MpcMethod):
             return taught
         off = [
             landing - aimed.landing(goal, stance_pitch)
-            for samples in rounds
+            for samples in rounds[-2:]  # earlier ones are of other models
             for goal, stance_pitch, landing in zip(samples.goal, samples.stance_pitch, samples.landing, strict=True)
         ]
         return replace(taught, farther=np.median(off, axis=0))
@@ -124,7 +124,8 @@ def plan_of(solution: Solution) -> Log:
 
 @dataclass(frozen=True)
 class GoalPractisedMpcSettings(PractisedMpcSettings):
-    """Makes the training jumps that ``ours`` makes, then rounds of its own, with the joint gains of ``ours``.
+    """Makes the training jumps that ``ours`` makes up to its first round of chosen goals, simulates jumps of the robot
+    that was identified from them, and makes rounds of its own, with the joint gains of ``ours``.
 
     The MPC aims at what its model expects of the plan, because the goal was chosen for that.
     """
@@ -133,12 +134,17 @@ class GoalPractisedMpcSettings(PractisedMpcSettings):
 
     rounds: int = 3
     """Of jumps by the MPC."""
+    simulated: int = 3
+    """Simulated jumps to each of its targets."""
+    kernel: DeviationKernelConfig = field(default_factory=lambda: DeviationKernelConfig(target_m=1.0, stance_rad=0.5))
+    """Smooth over goals and stances, for the jumps of each are few."""
 
-    def start(self, name: str, rig: "Rig") -> GoalMpcMethod:
+    def start(self, name: str, rig: Rig) -> GoalMpcMethod:
         """Joint PD to goals that the training jumps taught."""
         settings, bench = rig.settings, rig.bench
         planner = JumpPlanner(planar_robot(rig.robot), settings.schedule, settings.limits)
-        learned = run_practice(bench, AimingMethod(rig.robot, bench.references, planner=planner), settings.practice)
+        first = replace(settings.practice, rounds=settings.practice.rounds[:1])
+        learned = run_practice(bench, AimingMethod(rig.robot, bench.references, planner=planner), first)
         plain = super().start(name, rig)
         return GoalMpcMethod(
             rig.robot,
@@ -148,12 +154,19 @@ class GoalPractisedMpcSettings(PractisedMpcSettings):
             planner=learned.planner,
             aimed=LandingModel(learned.samples, settings.practice.aim) if len(learned.samples) else None,
             beyond=settings.practice.later_beyond,
+            identified=(*learned.effects, *DATA_SHEET),
         )
 
-    def rounds_of(self, rig: "Rig") -> PracticeRounds:
+    def rounds_of(self, rig: Rig) -> PracticeRounds:
         """Those of the learned MPC, fewer, and from blocks."""
-        return replace(super().rounds_of(rig), rounds=self.rounds, block_m=rig.settings.practice.block_m)
+        block_m = rig.settings.practice.block_m
+        return replace(super().rounds_of(rig), first_jumps=self.simulated, rounds=self.rounds, block_m=block_m)
 
-    def plans(self, rig: "Rig") -> References:
+    @property
+    def model_settings(self) -> dict[str, ModelSettings]:
+        """Those of the kernel."""
+        return {self.kernel.section: self.kernel}
+
+    def plans(self, rig: Rig) -> References:
         """Plans are made before each jump."""
         return {Target(x_m): rig.bench.level for x_m in rig.settings.learned.practice.distances_m}

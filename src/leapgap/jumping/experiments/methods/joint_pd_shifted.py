@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,13 +11,10 @@ from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.method import Method, shift_target
 from leapgap.jumping.experiments.methods.base import MethodSettings
 from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
+from leapgap.jumping.experiments.rig import Rig
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
-
-if TYPE_CHECKING:
-    from leapgap.jumping.experiments.rig import Rig
-
 
 FIRST_SHIFT_RUN = 900
 """Number of the first run that the shift is learned from; ground and sensors differ from those of the scored runs."""
@@ -30,7 +26,7 @@ class JointPdShiftedSettings(MethodSettings):
 
     name = "joint_pd_shifted"
 
-    def prepare(self, name: str, rig: "Rig") -> Method | None:
+    def prepare(self, name: str, rig: Rig) -> Method | None:
         """Make jumps of the tasks ``land.single``, and learn the shift from them."""
         singles = [task for task in rig.tasks if task.name in rig.settings.single]
         if not singles:

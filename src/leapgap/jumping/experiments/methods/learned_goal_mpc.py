@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.base import MethodSettings
 from leapgap.jumping.experiments.methods.goal_shift import GoalShiftMethod
+from leapgap.jumping.experiments.rig import Rig
 from leapgap.jumping.experiments.simulated_shifts import ShiftSimulator, SimulatedShiftsConfig
 from leapgap.jumping.experiments.training_jumps import (
     DATA_SHEET,
@@ -36,9 +37,6 @@ from leapgap.jumping.experiments.training_jumps import (
     run_practice,
 )
 from leapgap.jumping.models.planar import planar_robot
-
-if TYPE_CHECKING:
-    from leapgap.jumping.experiments.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ class LearnedGoalMpcSettings(MethodSettings):
     simulated: SimulatedShiftsConfig = field(default_factory=SimulatedShiftsConfig)
     held: HeldShiftsConfig = field(default_factory=HeldShiftsConfig)
 
-    def prepare(self, name: str, rig: "Rig") -> Method | None:
+    def prepare(self, name: str, rig: Rig) -> Method | None:
         """Make the training jumps, and fit the model of the landing to them."""
         settings = rig.settings
         bench, observation = rig.bench, Observation(self.mpc.period_s, self.mpc.average_s)

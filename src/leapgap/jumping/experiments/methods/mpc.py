@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
+from leapgap.effects.base import Effect
 from leapgap.jumping.control.excitation import Excitation, ExcitedController
 from leapgap.jumping.control.inference import load
 from leapgap.jumping.control.mpc_config import MpcConfig
@@ -14,16 +15,14 @@ from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.landing_model import LandingSamples
 from leapgap.jumping.experiments.method import Method
-from leapgap.jumping.experiments.methods.base import MethodSettings, PlanSource
+from leapgap.jumping.experiments.methods.base import MethodSettings
+from leapgap.jumping.experiments.rig import LandSettings, PlanSource, Rig
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.learning.windows import Purpose
 from leapgap.jumping.models.affine_model import PredictionModel
 from leapgap.jumping.models.deviation_model import DeviationModel
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel
 from leapgap.logs.log import Log
-
-if TYPE_CHECKING:
-    from leapgap.jumping.experiments.rig import LandSettings, Rig
 
 
 @dataclass(frozen=True)
@@ -35,6 +34,8 @@ class MpcMethod(Method):
     excitation: Excitation | None = None
     """Random forces on top of its own, by ``seed``."""
     seed: int = 0
+    identified: tuple[Effect, ...] | None = None
+    """Effects that were identified in the robot; None: none were looked for."""
 
     def excited(self, excitation: Excitation, seed: int) -> Self:
         """The same with random forces, as for practice."""
@@ -75,12 +76,12 @@ class NominalMpcSettings(MethodSettings):
     """Steps of the MPC: a key of ``land.grids``."""
     plans: PlanSource = PlanSource.own
 
-    def check(self, name: str, settings: "LandSettings") -> None:
+    def check(self, name: str, settings: LandSettings) -> None:
         """Refuse an unknown grid, or plans without their inputs."""
         settings.check_plans(self.plans)
         settings.grid(self.grid, name)
 
-    def prepare(self, name: str, rig: "Rig") -> Method | None:
+    def prepare(self, name: str, rig: Rig) -> Method | None:
         """The MPC with the nominal rigid body; it needs no training."""
         plans = rig.plans(self.plans)
         if plans is None:
@@ -101,13 +102,13 @@ class LearnedMpcSettings(MethodSettings):
     """Folder of stage train: a key of ``land.models``."""
     plans: PlanSource = PlanSource.own
 
-    def check(self, name: str, settings: "LandSettings") -> None:
+    def check(self, name: str, settings: LandSettings) -> None:
         """Refuse an unknown grid or folder, or plans without their inputs."""
         settings.check_plans(self.plans)
         settings.grid(self.grid, name)
         settings.folder(self.models, name)
 
-    def prepare(self, name: str, rig: "Rig") -> Method | None:
+    def prepare(self, name: str, rig: Rig) -> Method | None:
         """Read the exported model; without one the method is left out."""
         plans = rig.plans(self.plans)
         if plans is None:

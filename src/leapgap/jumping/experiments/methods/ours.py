@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from leapgap.effects import to_config
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
@@ -10,11 +9,9 @@ from leapgap.jumping.experiments.landing_model import LandingModel
 from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.base import MethodSettings
+from leapgap.jumping.experiments.rig import Rig
 from leapgap.jumping.experiments.training_jumps import run_practice
 from leapgap.jumping.models.planar import planar_robot
-
-if TYPE_CHECKING:
-    from leapgap.jumping.experiments.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -23,7 +20,7 @@ class OursSettings(MethodSettings):
 
     name = "ours"
 
-    def prepare(self, name: str, rig: "Rig") -> Method | None:
+    def prepare(self, name: str, rig: Rig) -> Method | None:
         """Make the training jumps, and fit the planner and the landing model to them."""
         settings = rig.settings
         planner = JumpPlanner(planar_robot(rig.robot), settings.schedule, settings.limits)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +11,8 @@ from leapgap.jumping.experiments.landing_model import LandingModel, LandingSampl
 from leapgap.jumping.experiments.method import Method
 from leapgap.jumping.experiments.methods.aiming import AimingMethod
 from leapgap.jumping.experiments.methods.base import MethodSettings
-from leapgap.jumping.experiments.rig import AdaptConfig
+from leapgap.jumping.experiments.rig import AdaptConfig, Rig
 from leapgap.jumping.experiments.tasks import JumpTask
-
-if TYPE_CHECKING:
-    from leapgap.jumping.experiments.rig import Rig
-
 
 FIRST_ADAPTATION_RUN = 800
 """Number of the first run that offsets are learned from; ground and sensors differ from those of the scored runs."""
@@ -32,7 +27,7 @@ class OursAdaptedSettings(MethodSettings):
     of: str = "ours"
     """Name of the method that is adapted."""
 
-    def prepare(self, name: str, rig: "Rig") -> Method | None:
+    def prepare(self, name: str, rig: Rig) -> Method | None:
         """Make a few jumps of every task, and learn the offsets from them."""
         aiming = rig.method(self.of)
         if not isinstance(aiming, AimingMethod):

@@ -1,20 +1,16 @@
 /* See jump_controller.h. The numbers of this jump are in sizes.h and tables.c; controller.py is the same in NumPy. */
-#include "jump_controller.h"
-
 #include <math.h>
 #include <string.h>
 
+#include "jump_body.h"
 #include "jump_program.h"
 #include "tables.h"
 
 #define STATE 6                                     /* x z pitch and their rates */
 #define DEVIATIONS (STATE + 4)                      /* trunk, then feet: front x z, rear x z */
-#define ROUNDING_S 1e-6
 
 static struct {
-    int started, framed, has_used, has_last, ticks_since_used, updates, kept, next;
-    double used_s, seen_s, offset_s, start_s;
-    double x, y, level, forward[2]; /* frame of the start: position, height of the plan's zero, heading */
+    int updates, kept, next;
     int stance_known, stood;
     double pitch_sum, height_sum;     /* of the ground and of the base over the ticks that stood */
     double goal[3], target[3], pitch; /* where the jump goes, where it shall land, and the stance it begins in */
@@ -27,8 +23,6 @@ static struct {
     double since[DEVIATIONS];         /* what a sudden change had added at the last update */
     double recent[RECENT];            /* surprises of the last updates */
     int surprises;
-    JumpCommand last;
-    JumpCounts counts;
 } now;
 
 /* Place of x among rising values: the last one at or below it, and the share of the way to the next, 0 to 1. */
@@ -51,8 +45,8 @@ static void aim(const double goal[3]) {
 }
 
 void jump_reset(void) {
+    jump_body_reset();
     memset(&now, 0, sizeof now);
-    now.seen_s = NAN;
     now.watched = -1;
     now.stance_known = MEASURED_UNTIL_S == 0;
     now.pitch = STANCE_PITCH_RAD;
@@ -60,98 +54,7 @@ void jump_reset(void) {
     memcpy(now.target, target, sizeof now.target);
 }
 
-const JumpCounts *jump_counts(void) { return &now.counts; }
-
-const double *jump_shift(void) { return now.shift[now.updates ? now.updates - 1 : 0]; }
-
-/* ---- what is measured ---- */
-
-static int follows(double time_s, double before_s) {
-    return time_s - before_s >= 0 && time_s - before_s <= LONGEST_GAP_S;
-}
-
-static void keep_possible(double *values, int count, double largest) {
-    for (int i = 0; i < count; i++)
-        if (!(fabs(values[i]) <= largest)) values[i] = NAN;
-}
-
-/* Whether the time of an estimate can be used; then the estimate without values that no robot can have. */
-static int judge(JumpEstimate *e) {
-    double seen_s = now.seen_s;
-    now.seen_s = isfinite(e->time_s) ? e->time_s : NAN;
-    now.ticks_since_used++;
-    if (!isfinite(e->time_s) || fabs(e->time_s) > LARGEST_TIME_S) return 0;
-    if (now.has_used && !follows(e->time_s + now.offset_s, now.used_s)) {
-        if (isnan(seen_s) || e->time_s == seen_s || !follows(e->time_s, seen_s)) return 0;
-        now.offset_s = now.used_s + now.ticks_since_used * (e->time_s - seen_s) - e->time_s;
-    }
-    now.used_s = e->time_s + now.offset_s;
-    now.has_used = 1;
-    now.ticks_since_used = 0;
-    if (now.offset_s != 0) e->time_s = now.used_s;
-    keep_possible(e->base_position, 3, largest_position);
-    keep_possible(e->base_velocity, 3, largest_velocity);
-    keep_possible(e->base_angular_velocity, 3, largest_angular_velocity);
-    keep_possible(e->joint_pos, JOINTS, largest_joint_pos);
-    const double *q = e->base_quaternion;
-    double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-    if (!(norm >= quaternion_norms[0] && norm <= quaternion_norms[1]))
-        for (int i = 0; i < 4; i++) e->base_quaternion[i] = NAN;
-    return 1;
-}
-
-/* Rotation matrix of a quaternion of any length, row by row. */
-static void to_matrix(const double *q, double m[9]) {
-    const double s = 2 / (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-    const double w = q[0], x = q[1], y = q[2], z = q[3];
-    const double rows[9] = {1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y),
-                            s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x),
-                            s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)};
-    memcpy(m, rows, sizeof rows);
-}
-
-static void multiply(double a[9], const double b[9]) {
-    double c[9];
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) c[3 * i + j] = a[3 * i] * b[j] + a[3 * i + 1] * b[3 + j] + a[3 * i + 2] * b[6 + j];
-    memcpy(a, c, sizeof c);
-}
-
-static void add_turned(double to[3], const double m[9], const double v[3], double sign) {
-    for (int i = 0; i < 3; i++) to[i] += sign * (m[3 * i] * v[0] + m[3 * i + 1] * v[1] + m[3 * i + 2] * v[2]);
-}
-
-/* Mean foot - base of each pair, front and rear, in world axes. */
-static void pair_offsets(const JumpEstimate *e, double feet[2][3]) {
-    double base[9];
-    to_matrix(e->base_quaternion, base);
-    memset(feet, 0, 6 * sizeof **feet);
-    for (int foot = 0; foot < FEET; foot++) {
-        double m[9], at[3] = {0, 0, 0};
-        memcpy(m, base, sizeof m);
-        for (int link = links_of_foot[foot]; link < links_of_foot[foot + 1]; link++) {
-            add_turned(at, m, link_position[link], 1);
-            multiply(m, link_rotation[link]);
-            int joint = link_joint[link];
-            if (joint < 0) continue;
-            double half = (e->joint_pos[joint] - link_zero[link]) / 2, turn[9], q[4];
-            q[0] = cos(half);
-            for (int i = 0; i < 3; i++) q[1 + i] = sin(half) * link_axis[link][i];
-            to_matrix(q, turn);
-            add_turned(at, m, link_anchor[link], 1);
-            multiply(m, turn);
-            add_turned(at, m, link_anchor[link], -1);
-        }
-        add_turned(at, m, foot_point[foot], 1);
-        for (int pair = 0; pair < 2; pair++)
-            for (int i = 0; i < 3; i++) feet[pair][i] += foot_share[foot][pair] * at[i];
-    }
-}
-
-static int row_at(double time_s) {
-    double row = nearbyint(time_s / ROW_S);
-    return row < 0 ? 0 : row > ROWS - 1 ? ROWS - 1 : (int)row;
-}
+const double *jump_decided(void) { return now.shift[now.updates ? now.updates - 1 : 0]; }
 
 /* Entries first ... first + count - 1 of a row of the plan, where goal and stance are moved. */
 static void plan_at(int row, int first, int count, const double moved[4], double *values) {
@@ -163,21 +66,9 @@ static void plan_at(int row, int first, int count, const double moved[4], double
 
 /* Keep how far trunk and feet are from the shifted plan. */
 static void measure(double time_s, const JumpEstimate *e, const double moved[4]) {
-    const double *p = e->base_position, *q = e->base_quaternion, *v = e->base_velocity;
-    double deviation[DEVIATIONS], planned[DEVIATIONS], feet[2][3];
-    double sine = 2 * (q[0] * q[2] - q[3] * q[1]);
-    deviation[0] = (p[0] - now.x) * now.forward[0] + (p[1] - now.y) * now.forward[1];
-    deviation[1] = p[2] - now.level;
-    deviation[2] = asin(sine > 1 ? 1 : sine < -1 ? -1 : sine);
-    deviation[3] = v[0] * now.forward[0] + v[1] * now.forward[1];
-    deviation[4] = v[2];
-    deviation[5] = e->base_angular_velocity[1];
-    pair_offsets(e, feet);
-    for (int pair = 0; pair < 2; pair++) {
-        deviation[STATE + 2 * pair] = feet[pair][0] * now.forward[0] + feet[pair][1] * now.forward[1];
-        deviation[STATE + 2 * pair + 1] = feet[pair][2];
-    }
-    plan_at(row_at(time_s), OF_STATE, DEVIATIONS, moved, planned);
+    double deviation[DEVIATIONS], planned[DEVIATIONS];
+    jump_planar(e, deviation);
+    plan_at(jump_row_at(time_s), OF_STATE, DEVIATIONS, moved, planned);
     for (int i = 0; i < DEVIATIONS; i++) now.latest[now.next][i] = deviation[i] - planned[i];
     now.next = (now.next + 1) % KEPT;
     if (now.kept < KEPT) now.kept++;
@@ -267,19 +158,13 @@ static int since_change(int update, const double deviation[DEVIATIONS], int fini
 
 /* ---- stance that was not seen before the jump ---- */
 
-static int are_finite(const double *values, int count) {
-    int finite = 1;
-    for (int i = 0; i < count; i++) finite = finite && isfinite(values[i]);
-    return finite;
-}
-
 /* Take in the stance while all feet stand; at the end choose goal and target for it. */
 static void measure_stance(double time_s, const JumpEstimate *e) {
     double feet[2][3], goal[3], state[STATE], pitch, share;
     if (time_s < MEASURED_UNTIL_S - ROUNDING_S) {
-        if (!are_finite(e->base_position, 3) || !are_finite(e->base_quaternion, 4) || !are_finite(e->joint_pos, JOINTS))
-            return;
-        pair_offsets(e, feet);
+        if (!jump_are_finite(e->base_position, 3) || !jump_are_finite(e->base_quaternion, 4)) return;
+        if (!jump_are_finite(e->joint_pos, JOINTS)) return;
+        jump_legs(e->base_quaternion, e->joint_pos, feet, 0, 0);
         now.stood++;
         now.pitch_sum -= atan2(feet[0][2] - feet[1][2], hypot(feet[0][0] - feet[1][0], feet[0][1] - feet[1][1]));
         now.height_sum += e->base_position[2];
@@ -300,7 +185,7 @@ static void measure_stance(double time_s, const JumpEstimate *e) {
     aim(goal);
     landing_of(goal, now.target);
     plan_at(0, OF_STATE, STATE, now.change, state);
-    now.level = now.height_sum / now.stood - state[1];
+    jump_body.level = now.height_sum / now.stood - state[1];
 }
 
 /* ---- commands ---- */
@@ -310,36 +195,20 @@ static void choose_shift(int update, const double before[3]) {
     double deviation[DEVIATIONS], since[2 * DEVIATIONS], landing[3], change[3] = {0, 0, 0};
     if (now.stance_known) {
         const int finite = mean_deviation(deviation);
-        if (!finite) now.counts.not_finite++;
+        if (!finite) jump_body.counts.not_finite++;
         if (since_change(update, deviation, finite, since) && update < FREE_UPDATES) {
             predict(update, before, since, landing);
             const JumpProgram program = {update, &now.authority, landing, now.target, before, now.change};
-            if (!jump_program_solve(&program, change)) now.counts.not_solved++;
+            if (!jump_program_solve(&program, change)) jump_body.counts.not_solved++;
         }
     }
     for (int t = update; t < UPDATES; t++)
         for (int i = 0; i < 3; i++) now.shift[t][i] = before[i] + change[i];
 }
 
-/* Shrink torques and force of each pair to what the motors can do. */
-static void limit(JumpCommand *command) {
-    double share[2] = {1, 1};
-    for (int j = 0; j < JOINTS; j++) {
-        if (pair_of_joint[j] < 0) continue;
-        const double within = torque_limit[j] / fabs(command->torque[j]);
-        if (within < share[pair_of_joint[j]]) share[pair_of_joint[j]] = within;
-    }
-    if (share[0] == 1 && share[1] == 1) return;
-    now.counts.limited++;
-    for (int j = 0; j < JOINTS; j++)
-        if (pair_of_joint[j] >= 0)
-            command->torque[j] = fmax(-torque_limit[j], fmin(torque_limit[j], command->torque[j] * share[pair_of_joint[j]]));
-    for (int i = 0; i < 4; i++) command->planned_force[i] *= share[i / 2];
-}
-
 /* Command of the shifted plan. */
 static void follow(double time_s, const double moved[4], const double rate[4], JumpCommand *command) {
-    const int row = row_at(time_s), moving = time_s <= LANDING_S;
+    const int row = jump_row_at(time_s), moving = time_s <= LANDING_S;
     const double *unshifted = plan[row][0];
     plan_at(row, OF_POSITION, JOINTS, moved, command->position);
     plan_at(row, OF_VELOCITY, JOINTS, moved, command->velocity);
@@ -353,49 +222,12 @@ static void follow(double time_s, const double moved[4], const double rate[4], J
         command->kd[j] = gains[gains_of_row[row]][1][j];
     }
     for (int i = 0; i < 4; i++) command->planned_force[i] *= moving && unshifted[OF_FORCE + i] != 0;
-    limit(command);
-}
-
-static void start(const JumpEstimate *e) {
-    if (!now.started) {
-        now.start_s = e->time_s;
-        now.started = 1;
-        now.forward[0] = 1;
-    }
-    if (now.framed) return;
-    if (!are_finite(e->base_position, 3) || !are_finite(e->base_quaternion, 4)) return;
-    const double *q = e->base_quaternion;
-    const double yaw = atan2(2 * (q[0] * q[3] + q[1] * q[2]), 1 - 2 * (q[2] * q[2] + q[3] * q[3]));
-    now.x = e->base_position[0];
-    now.y = e->base_position[1];
-    now.forward[0] = cos(yaw);
-    now.forward[1] = sin(yaw);
-    now.framed = 1;
-}
-
-static void safe_command(JumpCommand *command) {
-    const JumpCommand last = now.last;
-    now.counts.time_not_usable++;
-    if (now.has_last && now.ticks_since_used <= HOLD_TICKS) {
-        *command = last;
-        return;
-    }
-    memset(command, 0, sizeof *command);
-    for (int j = 0; j < JOINTS; j++) {
-        command->position[j] = last.position[j];
-        command->kp[j] = SAFE_KP;
-        command->kd[j] = SAFE_KD;
-    }
 }
 
 void jump_tick(const JumpEstimate *measured, JumpCommand *command) {
     JumpEstimate e = *measured;
-    if (!judge(&e)) {
-        safe_command(command);
-        return;
-    }
-    start(&e);
-    const double time_s = e.time_s - now.start_s, at = (time_s + ROUNDING_S) / UPDATE_S;
+    if (!jump_body_begin(&e, command)) return;
+    const double time_s = e.time_s - jump_body.start_s, at = (time_s + ROUNDING_S) / UPDATE_S;
     const int update = at < 0 ? 0 : at > UPDATES - 1 ? UPDATES - 1 : (int)at;
     const double share = fmin((time_s - update * UPDATE_S) / UPDATE_S, 1);
     double before[3] = {0, 0, 0}, moved[4], rate[4];
@@ -416,6 +248,5 @@ void jump_tick(const JumpEstimate *measured, JumpCommand *command) {
         if (i < 3 && share < 1) rate[i] += (now.shift[update][i] - before[i]) / UPDATE_S;
     }
     follow(time_s, moved, rate, command);
-    now.last = *command;
-    now.has_last = 1;
+    jump_body_end(command);
 }

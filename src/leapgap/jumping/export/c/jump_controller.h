@@ -1,4 +1,4 @@
-/* Goal-shift MPC of one jump: call jump_tick once a control period, in order of time. No memory is allocated. */
+/* Controller of one jump: call jump_tick once a control period, in order of time. No memory is allocated. */
 #ifndef JUMP_CONTROLLER_H
 #define JUMP_CONTROLLER_H
 
@@ -27,15 +27,15 @@ typedef struct {
 /* Number of ticks or updates since jump_reset at which something out of the ordinary was sent. */
 typedef struct {
     int time_not_usable; /* ticks: the last command was repeated, later the joints were damped */
-    int not_finite;      /* updates: something was not measured, and the goal stayed where it was */
-    int not_solved;      /* updates: the quadratic program has no solution, and the goal stayed where it was */
+    int not_finite;      /* updates: something was not measured, and what was decided before stays */
+    int not_solved;      /* updates: the quadratic program has no solution, and the same */
     int limited;         /* ticks: the feed-forward was beyond the motors and was shrunk */
 } JumpCounts;
 
 void jump_reset(void);
 void jump_tick(const JumpEstimate *measured, JumpCommand *command);
 const JumpCounts *jump_counts(void);
-/* Shift of the goal, x z pitch, m m rad, that was chosen last. */
-const double *jump_shift(void);
+/* What was decided last: the shift of the goal, x z pitch, m m rad, or the forces, front x z, rear x z, N. */
+const double *jump_decided(void);
 
 #endif

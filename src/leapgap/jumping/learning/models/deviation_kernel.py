@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from leapgap.jumping.learning.deviation_recipe import BALLISTIC_S, DeviationRecipe, DeviationTask
-from leapgap.jumping.learning.deviations import DeviatingJump
+from leapgap.jumping.learning.deviation_recipe import DeviationRecipe, DeviationTask
+from leapgap.jumping.learning.deviations import BALLISTIC_S, DeviatingJump
 from leapgap.jumping.learning.models.kernel import gauss
 from leapgap.jumping.learning.recipe import ModelSettings
 from leapgap.jumping.models.affine_model import AffineModel
@@ -111,7 +111,7 @@ def fit(jumps: Sequence[DeviatingJump], body: RigidBody, config: DeviationKernel
         by_body = np.einsum("nij,nj->ni", body.force_rows(steps.foot), force)
         known = np.concatenate([np.ones((len(steps), 1)), np.hstack([jump.error[:-1], force]) / unit], axis=1)
         measured = (places(steps, scale), known, jump.acceleration - by_body, np.full(len(steps), jump.weight))
-        modes, learned = mode_of(steps), steps.time_s < landing_s - BALLISTIC_S - 1e-6
+        modes, learned = mode_of(steps), jump.learned
         for name in np.unique(modes[learned]):
             mine = (modes == name) & learned
             rows.setdefault(str(name), []).append(tuple(values[mine] for values in measured))
