@@ -133,7 +133,7 @@ class Search:
         """The nominal robot, and the answer.
 
         Where much is left unexplained, the search is made once more: of a robot with feet from references that allow
-        for wrong zeros of its joints, of others from all effects together, and again about what these find. The
+        for wrong zeros of its joints, of others from all effects together, and on from what these find. The
         likelier of both answers stays.
         """
         start = self.judge(self.bench.nominal())
@@ -141,16 +141,14 @@ class Search:
         if answer.unnamed > MUCH and self.bench.robot.feet:
             other = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD)), replay=True)
         elif answer.unnamed > MUCH:
-            other = self.together(answer)
-            if SOME < other.unnamed < LEAST_SHARE * start.unnamed:
-                other = max([other, self.together(other)], key=lambda one: one.evidence)
+            other = replace(self, most=MOST_TOGETHER).ascend(self.together(answer))
         answer = other if other.members and other.evidence > answer.evidence else answer
         return start, self.linearised_about(answer) if answer.members and answer.unnamed > SOME else answer
 
     def ascend(self, now: Found, replay: bool = False) -> Found:
         """The answer from a set without effects on; with ``replay`` the first may be one whose columns tell little."""
         while len(now.members) < self.most:
-            worth = [*stretched(now.point), *(h for gain, h in screen(now.point) if gain > WORTH_A_LOOK)]
+            worth = [*stretched(now.point), *(h for gain, h in self.screened(now) if gain > WORTH_A_LOOK)]
             linear = [self.judge(now.point, [h]) for h in few_of_each(worth, ALIKE)[:SHORTLIST]]
             linear.sort(key=lambda one: -one.worth)
             tried = self.promising(now, linear)
@@ -175,6 +173,21 @@ class Search:
                 break
             now = replace(self.without_idle(best), rivals=rivals)
         return now
+
+    def screened(self, now: Found) -> list[tuple[float, Hypothesis]]:
+        """Further hypotheses by ``screen``.
+
+        Where an effect acts at several places by numbers of their own, it may act at others.
+        """
+        if len({h.name for h in now.members}) == len(now.members):
+            return screen(now.point)
+        places = now.point.basis.columns.members
+        taken = {(h.name, place) for h in now.members for place in places[h.name, h.location]}
+        return [
+            (gain, h)
+            for gain, h in screen(now.point, again=True)
+            if not any((h.name, place) in taken for place in places[h.name, h.location])
+        ]
 
     def together(self, now: Found) -> Found:
         """What is left of all effects at once, at every single place, without those that gain little.
