@@ -1,6 +1,6 @@
 """Supply voltage sag under load."""
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf
 
@@ -34,11 +34,6 @@ class SupplySag(Effect):
     def lacks(cls, robot: Robot) -> str | None:
         """The load is a share of the largest torques, which the model states."""
         return super().lacks(robot) or lacks_torque_limits(robot)
-
-    @property
-    def structure(self) -> Hashable | None:
-        """Key of the actuators that take torque away; None without sag."""
-        return None if self.is_nominal else self.name
 
     def _parts(self, robot: Robot) -> Iterator[tuple[int, str]]:
         """Joint that a motor drives, and name of the actuator that takes torque away."""
