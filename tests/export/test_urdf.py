@@ -93,6 +93,14 @@ def test_the_tree_of_a_floating_robot_has_the_corrected_dynamics(tmp_path: Path,
     check(written(tmp_path, robot, correction), robot, correction)
 
 
+def test_a_corrected_limit_of_the_torque_is_the_limit_of_effort(tmp_path: Path) -> None:
+    """Also where the motors deliver what is asked for below it."""
+    (tmp_path / "folded.xml").write_text(FOLDED)
+    robot = Robot.load(tmp_path / "folded.xml")
+    text = written(tmp_path, robot, (effects.effect("torque_limit", "turn", scale=0.6),)).read_text()
+    assert 'effort="3"' in text and 'effort="5"' not in text
+
+
 @pytest.mark.parametrize("namespace", ["", ' xmlns="http://www.ros.org"'])
 def test_a_urdf_keeps_all_but_its_numbers(tmp_path: Path, namespace: str) -> None:
     """Links that fixed joints hold are one body in MuJoCo: the link that moves gets the inertia of all."""

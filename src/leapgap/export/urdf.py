@@ -52,10 +52,10 @@ def change_joints(root: ElementTree.Element, robot: Robot, numbers: Numbers) -> 
     for i, name in enumerate(robot.joints):
         if (joint := joints.get(name)) is None:
             continue  # one of the three that MuJoCo makes of a planar joint, which has one damping for all
-        of = {key: float(numbers.joints[key][i]) for key in ("damping", "friction", "torque_limit", "torque_gain")}
+        of = {key: float(numbers.joints[key][i]) for key in ("damping", "friction", "torque_limit")}
         child(joint, "dynamics").attrib |= {key: number(of[key]) for key in ("damping", "friction")}
         limit = joint.find("limit")
-        if limit is not None and of["torque_gain"] != 1 and np.isfinite(of["torque_limit"]):
+        if limit is not None and of["torque_limit"] != robot.torque_limits[i] and np.isfinite(of["torque_limit"]):
             limit.set("effort", number(of["torque_limit"]))
 
 
