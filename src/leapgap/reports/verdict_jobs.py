@@ -18,9 +18,7 @@ from leapgap.runtime.atomic_io import sha256
 from leapgap.runtime.cache import ResultCache, result_key
 from leapgap.runtime.content_hash import file_digests
 from leapgap.runtime.executor import Executor
-
-PUBLISHED = "published"
-"""Name of the case of published jumps; it may be known, since their columns differ anyway."""
+from leapgap.validation.seal import PUBLISHED
 
 
 @dataclass(frozen=True)
