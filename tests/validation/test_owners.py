@@ -12,7 +12,7 @@ from leapgap.robot.model import Robot
 from leapgap.validation.outcome import CaseOutcome, outcome
 from leapgap.validation.owners.cases import OwnersCase, OwnersHalf, Plan, draw_owners, write_owners_case
 from leapgap.validation.owners.errors import OF_ROBOT, TOLD_LIMIT, TOLD_SET_POINTS, TOLD_VELOCITY
-from leapgap.validation.owners.plant import Drive, build
+from leapgap.validation.owners.plant import OwnersDrive, build
 from leapgap.validation.owners.robots import ROBOTS
 from tests.code import ROOT
 from tests.validation.test_scoring import report, truth
@@ -21,11 +21,11 @@ MODELS = ROOT / "conf" / "withhold" / "models"
 BENCH, LIMIT = ROBOTS["bench"], np.array([9.0, 5.0])
 
 
-def drive(**changed: object) -> Drive:
-    return Drive(**{"kp": np.array(BENCH.kp), "kd": np.array(BENCH.kd), "limit": LIMIT} | changed)  # type: ignore[arg-type]
+def drive(**changed: object) -> OwnersDrive:
+    return OwnersDrive(**{"kp": np.array(BENCH.kp), "kd": np.array(BENCH.kd), "limit": LIMIT} | changed)  # type: ignore[arg-type]
 
 
-def still(of: Drive, rows: int = 400) -> np.ndarray:
+def still(of: OwnersDrive, rows: int = 400) -> np.ndarray:
     """What the joints of the test bench show at last, under set points that do not move."""
     plant = build(MODELS / "bench.xml", of)
     at = np.tile(plant.model.key_qpos[0], (rows, 1))
@@ -34,7 +34,7 @@ def still(of: Drive, rows: int = 400) -> np.ndarray:
 
 def test_a_drive_that_does_what_the_log_says_is_mujocos_own_position_servo() -> None:
     so101, rows = ROBOTS["so101"], 60
-    plant = build(MODELS / "so101.xml", Drive(np.array(so101.kp), np.array(so101.kd), np.full(6, 2.94)))
+    plant = build(MODELS / "so101.xml", OwnersDrive(np.array(so101.kp), np.array(so101.kd), np.full(6, 2.94)))
     time = np.arange(rows) * so101.period_s
     sent = so101.set_points(time, plant.model.key_qpos[0], np.random.default_rng(1))
     run = plant.run(sent, np.zeros_like(sent), so101.period_s, 0.0005, 0)

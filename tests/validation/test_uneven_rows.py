@@ -14,7 +14,7 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.rollout import Rollout
 from leapgap.validation.case import CaseSetup, WithheldCase, further_jumps, withhold
-from leapgap.validation.case_draw import Case, Further, FurtherCounts, Half, draw_cases
+from leapgap.validation.case_draw import Case, FurtherCounts, FurtherKinds, Half, draw_cases
 from leapgap.validation.generator import Generator, Nuisance
 from leapgap.validation.physics import OTHERS, physics_of
 from leapgap.validation.uneven_rows import (
@@ -190,7 +190,7 @@ HALVES = {"reported": Half(7, 3, 1, 1, 1, ["wind"])}
 
 def draw(section: dict, robot: Robot, *numbers: int, shares: dict | None = None) -> list[Case]:
     """Cases with so many of uneven rows, of a third physics and of too high models."""
-    further = Further({"reported": FurtherCounts(*numbers)}, section["clocks"], shares or section["too_high"])
+    further = FurtherKinds({"reported": FurtherCounts(*numbers)}, section["clocks"], shares or section["too_high"])
     return draw_cases(HALVES, section["sizes"], section["signed"], robot, further)
 
 

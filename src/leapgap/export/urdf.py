@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from leapgap.export.base import CorrectedRobot, Export, Numbers
+from leapgap.export.base import CorrectedRobot, Export, RobotNumbers
 from leapgap.robot.mjcf import copy_asset
 from leapgap.robot.model import Robot
 from leapgap.robot.rotations import matrix_of
@@ -46,7 +46,7 @@ class Urdf(Export):
         write_text(folder / self.name / FILE, ElementTree.tostring(root, encoding="unicode") + "\n")
 
 
-def change_joints(root: ElementTree.Element, robot: Robot, numbers: Numbers) -> None:
+def change_joints(root: ElementTree.Element, robot: Robot, numbers: RobotNumbers) -> None:
     """Put damping, friction and scaled limits of effort into the joints of a URDF."""
     joints = {joint.get("name"): joint for joint in root.iterfind("joint")}
     for i, name in enumerate(robot.joints):
@@ -191,7 +191,7 @@ def add_origin(element: ElementTree.Element, place: np.ndarray, turn: np.ndarray
     ElementTree.SubElement(element, "origin", {"xyz": vector(place), "rpy": vector([roll, pitch, yaw])})
 
 
-def set_inertia(link: ElementTree.Element, numbers: Numbers, body: int, offset: np.ndarray | float = 0.0) -> None:
+def set_inertia(link: ElementTree.Element, numbers: RobotNumbers, body: int, offset: np.ndarray | float = 0.0) -> None:
     """Give a link the mass, centre of mass and inertia of a body; ``offset`` is its frame's in that of the body, m."""
     for old in link.findall("inertial"):
         link.remove(old)

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from leapgap.logs.filtered_velocity import VelocityFilter, filter_of, obeyed_filters
+from leapgap.logs.filtered_velocity import FilterRule, filter_of, obeyed_filters
 from leapgap.logs.log import Log
 from leapgap.logs.row_clock import RowClock
 from leapgap.logs.streams import BASE, CURVATURE, NOISE_WINDOW, OUTLIER, VELOCITY, Stream, mean_row
@@ -161,7 +161,7 @@ STEPS_S = (0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.0005, 0.00025)
 """Steps of simulations and control loops that are looked for, s, longest first."""
 
 
-def velocity_filters(streams: Sequence[Stream], found: Solution, step: float) -> dict[str, VelocityFilter]:
+def velocity_filters(streams: Sequence[Stream], found: Solution, step: float) -> dict[str, FilterRule]:
     """Rules by which velocities were computed from positions, by the velocity columns of joints that obey one."""
     joints = [(stream, samples) for stream, samples in zip(streams, found.samples, strict=True) if stream.name != BASE]
     rules = obeyed_filters(

@@ -61,6 +61,14 @@ def each_pose(
         yield data
 
 
+def gather(rows: int, values: Iterator[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+    """Stack arrays of one shape, copied row by row, (rows, *shape)."""
+    result = np.empty((rows, *shape))
+    for row, value in enumerate(values):
+        result[row] = value
+    return result
+
+
 def feet_in_world(
     robot: Robot, base_position: np.ndarray, base_quaternion: np.ndarray, joint_pos: np.ndarray
 ) -> np.ndarray:
@@ -74,10 +82,8 @@ def feet_in_world(
 
 def feet_positions(robot: Robot, qpos: np.ndarray) -> np.ndarray:
     """Centres of the feet, m, world frame, (rows, feet, 3), of configurations (rows, nq)."""
-    found = np.empty((len(qpos), len(robot.feet), 3))
-    for of_row, data in zip(found, each_pose(robot.model, qpos), strict=True):
-        of_row[:] = robot.foot_shapes.positions(data)
-    return found
+    positions = (robot.foot_shapes.positions(data) for data in each_pose(robot.model, qpos))
+    return gather(len(qpos), positions, (len(robot.feet), 3))
 
 
 def soles(robot: Robot, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
@@ -102,8 +108,8 @@ def centre_of_mass(robot: Robot, qpos: np.ndarray, model: mujoco.MjModel | None 
 
     ``model`` is one of the same robot with other numbers; None: its own.
     """
-    poses = each_pose(model or robot.model, qpos, com=True)
-    return np.array([data.subtree_com[robot.base_body].copy() for data in poses]).reshape(-1, 3)
+    centres = (data.subtree_com[robot.base_body] for data in each_pose(model or robot.model, qpos, com=True))
+    return gather(len(qpos), centres, (3,))
 
 
 def momenta(robot: Robot, motion: Motion, model: mujoco.MjModel | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -64,7 +64,7 @@ class FurtherCounts:
 
 
 @dataclass(frozen=True)
-class Further:
+class FurtherKinds:
     """What is drawn for the further kinds."""
 
     counts: Mapping[str, FurtherCounts]
@@ -80,7 +80,7 @@ def draw_cases(
     sizes: Sizes,
     signed: Sequence[str],
     robot: Robot,
-    further: Further | None = None,
+    further: FurtherKinds | None = None,
     chosen: Sequence[Case] = (),
 ) -> list[Case]:
     """All cases of all halves; ``signed`` effects depart to either side of nominal.
