@@ -146,7 +146,7 @@ def flat(held: Any, inside: Callable[[Any], Mapping[Any, Any] | None], path: obj
         if below is None:
             found[name] = value
         else:
-            left += [(f"{name}.{key}" if name else str(key), one, depth + 1) for key, one in reversed(below.items())]
+            left += [(f"{name}.{key}" if name else str(key), one, depth + 1) for key, one in reversed([*below.items()])]
         if len(found) + len(left) > MOST_COLUMNS:
             raise InputError(path, f"more than {MOST_COLUMNS} values by name", "the columns of a log", "save fewer")
     return found
