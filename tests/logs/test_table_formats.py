@@ -346,3 +346,10 @@ def test_a_missing_date_is_no_number_and_short_integers_do_not_wrap() -> None:
     table = Table(Path("a"), {"date": stamps, "tick": np.array([-30000, 0, 30000], dtype=np.int16)})
     assert table.instants("date").tolist() == pytest.approx([0.0, np.nan, 2.0], nan_ok=True)
     assert table.instants("tick").tolist() == [0.0, 30000.0, 60000.0]
+
+
+def test_objects_in_a_list_in_a_record_are_there_by_their_numbers(arm: Robot, tmp_path: Path) -> None:
+    """As the state of a robot is written that has a list of motors."""
+    records = [{"t": t, "motors": [{"q": q[0]}, {"q": q[1]}]} for t, q in zip(TIME.tolist(), Q.tolist(), strict=True)]
+    (tmp_path / "a.jsonl").write_text("\n".join(map(json.dumps, records)))
+    assert_right(read("json", tmp_path / "a.jsonl", arm, "t", "motors.*.q"))

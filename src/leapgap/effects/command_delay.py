@@ -49,9 +49,7 @@ class CommandDelay(MotorEffect):
         whole = math.floor(row + 1e-9)
         share = min(max(row - whole, 0.0), 1.0)
         before, after = max(whole, 0), min(max(whole + 1, 0), last)
-        if self.location == "all":
-            return commands.each(lambda sent: ((1 - share) * sent[before] + share * sent[after])[None])
-        at = robot.joints_at(self.location)
+        at = slice(None) if self.location == "all" else robot.joints_at(self.location)
 
         def late(sent: np.ndarray) -> np.ndarray:
             arrived = sent[-1:].copy()

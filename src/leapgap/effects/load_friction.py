@@ -55,7 +55,7 @@ class LoadFriction(MotorEffect):
             return
         joints, *names = zip(*self._parts(robot), strict=True)
         at = list(joints)
-        push, damper = ([int(model.actuator_ctrladr[model.actuator(name).id]) for name in of] for of in names)
+        push, damper = (actuators.controls_of(model, of) for of in names)
         most = actuators.largest_damping(model, robot.joint_dofs[at], load.step_s)
         friction, speed = self.share * np.abs(load.torque[:, at]), load.velocity[:, at]
         faded = np.tanh(speed / STILL_RAD_S)

@@ -59,6 +59,4 @@ class SupplySag(Effect):
         joints, names = zip(*self._parts(robot), strict=True)
         torque = load.torque[:, list(joints)]
         work = np.mean(np.abs(torque) / robot.torque_limits[list(joints)], axis=1, keepdims=True)
-        control[:, [int(model.actuator_ctrladr[model.actuator(name).id]) for name in names]] = (
-            -np.minimum(1.0, self.sag * work) * torque
-        )
+        control[:, actuators.controls_of(model, names)] = -np.minimum(1.0, self.sag * work) * torque

@@ -16,7 +16,10 @@ BYTES_A_VALUE = 2
 
 
 class Json(TableFormat):
-    """Lists of records with the same keys, or objects of columns; keys of objects in them are joined by dots."""
+    """Lists of records with the same keys, or objects of columns; keys of objects in them are joined by dots.
+
+    Objects in a list in a record are there by their numbers: ``motors.0.q``.
+    """
 
     name = "json"
     suffixes = (".json", ".jsonl")
@@ -63,7 +66,7 @@ def columns_of(held: Any, path: Path) -> dict[str, list[Any]]:
         if len(lists) == 1:
             held = lists[0]
     if isinstance(held, Mapping):
-        return {name: one for name, one in flat(held, inside, path).items() if isinstance(one, list)}
+        return {name: one for name, one in flat(held, objects, path).items() if isinstance(one, list)}
     if not isinstance(held, list) or not held or not isinstance(held[0], Mapping):
         raise InputError(path, "neither records nor columns", "a list of objects, or an object of lists", "export it")
     names = list(flat(held[0], inside, path))
@@ -78,9 +81,15 @@ def columns_of(held: Any, path: Path) -> dict[str, list[Any]]:
     return columns
 
 
-def inside(value: Any) -> Mapping[str, Any] | None:
+def objects(value: Any) -> Mapping[Any, Any] | None:
     """What ``flat`` goes into: an object."""
     return value if isinstance(value, Mapping) else None
+
+
+def inside(value: Any) -> Mapping[Any, Any] | None:
+    """The same in a record, and a list of objects there by their numbers: ``motors.0.q``."""
+    is_list = isinstance(value, list) and len(value) > 0 and all(isinstance(one, Mapping) for one in value)
+    return dict(enumerate(value)) if is_list else objects(value)
 
 
 def as_array(values: list[Any], where: str) -> np.ndarray:
