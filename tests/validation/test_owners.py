@@ -95,9 +95,7 @@ def test_halves_share_no_case_and_a_seed_gives_the_same_ones() -> None:
     assert sorted(len(case.errors) for case in tuning) == [0] * 2 + [1] * 10 + [2] * 6 + [3] * 2
 
 
-def test_every_error_can_be_drawn_and_a_case_is_the_same_bytes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_error_can_be_drawn_and_a_case_is_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, errors in OF_ROBOT.items():
         assert len({error.__name__ for error in errors}) >= 10, name
     monkeypatch.setitem(ROBOTS, "bench", replace(BENCH, length_s=1.5))  # logs as short as these hold all it takes
