@@ -62,7 +62,8 @@ def change_joints(root: ElementTree.Element, robot: Robot, numbers: RobotNumbers
 def change_links(root: ElementTree.Element, corrected: CorrectedRobot) -> None:
     """Put the inertia of the bodies that differ into the links of a URDF.
 
-    MuJoCo joins links that fixed joints hold to one body: its link then gets all of the inertia, and they none.
+    MuJoCo joins links that fixed joints hold to one body, unless the file forbids it: its link then gets all of the
+    inertia, and they none.
     """
     nominal, numbers = corrected.bare, corrected.corrected
     links = {link.get("name"): link for link in root.iterfind("link")}
@@ -70,7 +71,8 @@ def change_links(root: ElementTree.Element, corrected: CorrectedRobot) -> None:
     for joint in root.iterfind("joint[@type='fixed']"):
         ends = [joint.find(end) for end in ("parent", "child")]
         above, below = ("" if end is None else end.get("link", "") for end in ends)
-        fixed.setdefault(above, []).append(below)
+        if below not in corrected.body_names:
+            fixed.setdefault(above, []).append(below)
     for body in corrected.robot.bodies:
         fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
         pairs = [(getattr(nominal, field)[body], getattr(numbers, field)[body]) for field in fields]
