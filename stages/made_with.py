@@ -14,6 +14,7 @@ Examples:
 import ast
 import subprocess
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -70,22 +71,32 @@ CODE: dict[str, tuple[str, ...]] = {
 What DVC makes has its own record, ``dvc.lock``."""
 
 
-def files_of(root: Path, code: Sequence[str]) -> set[Path]:
+def modules(root: Path) -> SourceTree:
+    """The modules of the library and of the stages; each is read once."""
+    return SourceTree((root / "src/leapgap", root / "stages"))
+
+
+def files_of(root: Path, code: Sequence[str], tree: SourceTree) -> set[Path]:
     """The files of code of some paths and modules."""
     paths = [root / one for one in code if "/" in one]
     found = {file for path in paths for file in [path, *path.rglob("*")] if file.suffix in KINDS and file.is_file()}
-    tree = SourceTree((root / "src/leapgap", root / "stages"))
     return found.union(*(tree.files(one) for one in code if "/" not in one))
 
 
-def fingerprint(root: Path, code: Sequence[str]) -> str:
+def fingerprint(root: Path, code: Sequence[str], tree: SourceTree) -> str:
     """SHA-256 over names and meaning of code, as in ``CODE``: comments and docstrings do not count."""
-    return digest({file.relative_to(root).as_posix(): hash_of(file) for file in files_of(root, code)})
+    return digest({file.relative_to(root).as_posix(): hash_of(file) for file in files_of(root, code, tree)})
 
 
 def hash_of(file: Path) -> str:
     """SHA-256 of the meaning of a module, or of the bytes of another file."""
-    return digest_of(ast.parse(file.read_bytes())) if file.suffix == ".py" else sha256(file)
+    return hash_of_module(file.read_bytes()) if file.suffix == ".py" else sha256(file)
+
+
+@cache
+def hash_of_module(code: bytes) -> str:
+    """SHA-256 of the meaning of a module; most stand in the closures of many files of figures."""
+    return digest_of(ast.parse(code))
 
 
 def noted(root: Path) -> dict[str, dict[str, Any]]:
@@ -109,7 +120,7 @@ def note(root: Path, names: Sequence[str], unchanged: str = "") -> None:
         if unchanged and name not in known:
             raise InputError(root / name, "no record of its code", "figures of known code", "make it again")
         made = {"commit": known[name]["commit"], "unchanged": unchanged} if unchanged else {"commit": commit(root)}
-        known[name] = made | {"code": fingerprint(root, CODE[name])}
+        known[name] = made | {"code": fingerprint(root, CODE[name], modules(root))}
     write_json(root / NOTED, dict(sorted(known.items())))
 
 
@@ -122,7 +133,7 @@ def commit(root: Path) -> str:
     return done.stdout.strip()
 
 
-def state(root: Path, name: str) -> str:
+def state(root: Path, name: str, tree: SourceTree) -> str:
     """A word or two on a file of figures: ``absent``, ``unknown`` code, code ``as it stands`` or ``older``.
 
     Code that is older and makes the same figures is ``unchanged``.
@@ -132,15 +143,15 @@ def state(root: Path, name: str) -> str:
     entry = noted(root).get(name)
     if entry is None:
         return "unknown"
-    if entry["code"] != fingerprint(root, CODE[name]):
+    if entry["code"] != fingerprint(root, CODE[name], tree):
         return "older"
     return "unchanged" if "unchanged" in entry else "as it stands"
 
 
 def table(root: Path) -> list[tuple[str, str, str]]:
     """Name, state and commit of each file of figures."""
-    commits = {name: entry["commit"] for name, entry in noted(root).items()}
-    return [(name, state(root, name), commits.get(name, "")) for name in CODE]
+    commits, tree = {name: entry["commit"] for name, entry in noted(root).items()}, modules(root)
+    return [(name, state(root, name, tree), commits.get(name, "")) for name in CODE]
 
 
 def files_by_reason(root: Path, unchanged: Sequence[str]) -> dict[str, list[str]]:

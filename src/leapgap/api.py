@@ -1,7 +1,7 @@
 """The instrument as functions: read logs, check them, replay them, diagnose them against a robot."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,6 @@ from leapgap.logs.reading import Readings
 from leapgap.reports.diagnosis import ChosenLogs, Report, diagnose_chosen, diagnose_folder
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import read_json, sha256
-from leapgap.settings import replaced
 from leapgap.simulation.corrected import corrected_in, read_corrected
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
@@ -164,7 +163,7 @@ def diagnose(
     loaded, given = load_robot(robot), settings or Settings()
     own = tuple(dict.fromkeys([*(one for one in effects if not isinstance(one, str)), *also]))
     names = [one if isinstance(one, str) else one.name for one in effects]
-    chosen = replaced(given, effects=[*given.effects, *names], without=[*given.without, *without])
+    chosen = replace(given, effects=[*given.effects, *names], without=[*given.without, *without])
     record = recorder() if find_spec("rerun") else None
     others = [load_robot(one) for one in descriptions]
     if isinstance(logs, PathLike) and Path(logs).is_dir():

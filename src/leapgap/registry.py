@@ -21,7 +21,8 @@ def classes_by_name(package: ModuleType, base: type[Kind], group: str) -> dict[s
     """
     for module in pkgutil.iter_modules(package.__path__):
         import_module(f"{package.__name__}.{module.name}")
-    found = [kind for kind in subclasses(base) if kind.__module__.startswith(f"{package.__name__}.")]
+    of_package = [kind for kind in subclasses(base) if kind.__module__.startswith(f"{package.__name__}.")]
+    found = [kind for kind in of_package if hasattr(kind, "name")]  # the others are bases of several
     for point in entry_points(group=group):
         try:
             kind = point.load()

@@ -11,7 +11,7 @@ from leapgap.jumping.planning.reference_store import reference_to, select_planar
 from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
 from leapgap.validation.case import CaseSetup, ChosenCase
-from leapgap.validation.case_draw import Further, FurtherCounts, Half, draw_cases
+from leapgap.validation.case_draw import FurtherCounts, FurtherKinds, Half, draw_cases
 from leapgap.validation.motions import known
 from leapgap.validation.owners.cases import OwnersHalf, draw_owners
 from leapgap.validation.withholding import ClassCases, DrawnCases, RobotClass, draw_class
@@ -48,7 +48,7 @@ def draw_all(settings: WithholdSettings, section: DictConfig, robot: Robot) -> D
     """Draw all cases, and plan the jumps of ``robot``."""
     halves = read_each(Half, section.halves, "withhold.halves")
     counts = read_each(FurtherCounts, section.further, "withhold.further")
-    further = Further(counts, settings.clocks, settings.too_high)
+    further = FurtherKinds(counts, settings.clocks, settings.too_high)
     chosen = [read_config(ChosenCase, own, f"withhold.chosen.{k}").case for k, own in enumerate(section.chosen)]
     cases = draw_cases(halves, settings.sizes, settings.signed, robot, further, chosen)
     owners = read_each(OwnersHalf, section.owners, "withhold.owners").items()

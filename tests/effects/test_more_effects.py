@@ -1,6 +1,7 @@
 """Effects that are looked for when they are named: each moves an arm as plain MuJoCo with one number changed does."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.effects.base import Commands
+from leapgap.effects.base import Commands, Effect, parameter
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
@@ -72,6 +73,25 @@ def test_a_payload_lies_where_its_moment_says(mass: float, robot_arm: Robot, log
     payload = effects.effect("link_payload", "elbow", mass_kg=mass, moment_kg_m=mass * (0.3 - centre))
     assert np.abs(with_point - without).max() > 1e-3
     assert np.abs(replay(robot, log, payload) - plain).max() < 1e-7
+
+
+@dataclass(frozen=True)
+class Knob(Effect):
+    """A weight of 0.4 kg at the end of the lower link, there where its parameter is not nominal."""
+
+    name = "knob"
+    there: float = parameter(0.0, "1", 0.0, 1.0)
+
+    def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
+        spec.body("lower").add_geom(size=[1e-4, 0, 0], pos=[0.3, 0, 0], mass=0.4, contype=0, conaffinity=0)
+
+
+def test_parts_that_an_effect_adds_need_no_word_that_it_adds_them(robot_arm: Robot, log: Log) -> None:
+    geom = """<geom size="1e-4" pos="0.3 0 0" mass="0.4" contype="0" conaffinity="0"/></body></body></body>"""
+    heavier = arm.simulate(SENT, mjcf=arm.MJCF.replace("</body></body></body>", geom))[0]
+    assert np.abs(heavier - arm.simulate(SENT)[0]).max() > 1e-3
+    assert np.abs(replay(robot_arm, log, Knob(there=1.0)) - heavier).max() < 1e-7
+    assert Knob().structure is None and np.array_equal(replay(robot_arm, log, Knob()), replay(robot_arm, log))
 
 
 @pytest.mark.parametrize("mass", [-0.54, -0.2, -0.01, 0.01, 0.3, 1.8])

@@ -93,14 +93,25 @@ def test_the_tree_of_a_floating_robot_has_the_corrected_dynamics(tmp_path: Path,
     check(written(tmp_path, robot, correction), robot, correction)
 
 
-@pytest.mark.parametrize("namespace", ["", ' xmlns="http://www.ros.org"'])
-def test_a_urdf_keeps_all_but_its_numbers(tmp_path: Path, namespace: str) -> None:
-    """Links that fixed joints hold are one body in MuJoCo: the link that moves gets the inertia of all."""
+def test_a_corrected_limit_of_the_torque_is_the_limit_of_effort(tmp_path: Path) -> None:
+    """Also where the motors deliver what is asked for below it."""
+    (tmp_path / "folded.xml").write_text(FOLDED)
+    robot = Robot.load(tmp_path / "folded.xml")
+    text = written(tmp_path, robot, (effects.effect("torque_limit", "turn", scale=0.6),)).read_text()
+    assert 'effort="3"' in text and 'effort="5"' not in text
+
+
+@pytest.mark.parametrize(
+    ("namespace", "own"),
+    [("", ""), (' xmlns="http://www.ros.org"', ""), ("", '<mujoco><compiler fusestatic="false"/></mujoco>')],
+)
+def test_a_urdf_keeps_all_but_its_numbers(tmp_path: Path, namespace: str, own: str) -> None:
+    """Links that fixed joints hold are one body in MuJoCo, unless the file forbids it: the link that moves gets all."""
     for folder in ("meshes", "more"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "horn.dae").write_text(f"no mesh that MuJoCo reads, in {folder}")
     source = tmp_path / "arm.urdf"
-    source.write_text(f"""<robot name="arm"{namespace}><link name="base"/>
+    source.write_text(f"""<robot name="arm"{namespace}>{own}<link name="base"/>
       <link name="link"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
         <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
         <visual><geometry><mesh filename="meshes/horn.dae"/></geometry></visual>

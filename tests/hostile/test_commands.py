@@ -87,10 +87,10 @@ CORRECTED = {
     "huge": ({"effects": [DAMPING | {"damping": 1e300}]}, "effect joint_damping, damping: found 1e+300"),
     "true": ({"effects": [DAMPING | {"damping": True}]}, "effect joint_damping, damping: found True"),
     "list_place": ({"effects": [DAMPING | {"location": ["elbow"], "damping": 0.1}]}, "location: found ['elbow']"),
-    "motors": ({"effects": [], "motors": {"volt": 1}}, "motors: found {'volt': 1}"),
+    "motors": ({"effects": [], "motors": {"volt": 1}}, "motors: found the keys volt"),
     "motors_list": ({"effects": [], "motors": [1]}, "motors: found [1]"),
-    "names": ({"effects": [], "names": {"toes": 1}}, "names: found toes 1"),
-    "names_number": ({"effects": [], "names": {"feet": 5}}, "names: found feet 5"),
+    "names": ({"effects": [], "names": {"toes": 1}}, "names: found the keys toes"),
+    "names_number": ({"effects": [], "names": {"feet": 5}}, "names, feet: found 5"),
 }
 
 

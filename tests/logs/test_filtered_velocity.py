@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from leapgap.logs.filtered_velocity import VelocityFilter, filter_of, obeyed_filters, without_filter
+from leapgap.logs.filtered_velocity import FilterRule, filter_of, obeyed_filters, without_filter
 from leapgap.logs.row_clock import with_clock
 from leapgap.logs.row_clock_estimate import row_clock
 from tests.logs.test_row_clock import FILTER, JOINTS, STEP_S, motion, of_messages
@@ -61,6 +61,6 @@ def test_the_rule_is_told_and_one_message_with_noise_follows_the_others() -> Non
     shown = np.stack([filtered(positions[:, k]) for k in (0, 1)], axis=1)[20:]
     rule = filter_of(position, shown, STEP_S * np.arange(len(position)), STEP_S)
     assert rule is not None and rule.kept == pytest.approx(FILTER, abs=1e-6) and rule.share > 0.99
-    told = obeyed_filters({"a": rule, "b": VelocityFilter(0.355, 0.5), "c": VelocityFilter(0.6, 0.5), "d": None})
+    told = obeyed_filters({"a": rule, "b": FilterRule(0.355, 0.5), "c": FilterRule(0.6, 0.5), "d": None})
     assert set(told) == {"a", "b"}
-    assert obeyed_filters({"b": VelocityFilter(0.355, 0.5)}) == {}
+    assert obeyed_filters({"b": FilterRule(0.355, 0.5)}) == {}

@@ -13,6 +13,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
+from leapgap.logs.importers.ros import leaves
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from tests.logs.test_tables import NO_COMMANDS, TWO_JOINTS
@@ -24,6 +25,7 @@ DEFINITIONS = {
     "unitree_go/msg/LowState": "unitree_go/MotorState[3] motor_state\nint16[4] foot_force\nuint32 tick\n",
     "unitree_go/msg/LowCmd": "unitree_go/MotorCmd[3] motor_cmd\n",
 }
+NAMED = "string name\nfloat64[3] place\n"
 STATE_S, COMMAND_S, IMU_S = 0.002, 0.02, 0.005
 
 
@@ -200,3 +202,11 @@ def test_without_the_package_the_extra_is_named(arm: Robot, tmp_path: Path, monk
     path = write_mcap(tmp_path / "walk")
     with pytest.raises(InputError, match=r"expected what the extra 'ros' installs; pip install 'leapgap\[ros\]'"):
         read(path, arm)
+
+
+def test_one_text_in_a_message_is_no_list_of_joints() -> None:
+    """Only a list of names addresses the values beside it."""
+    types = get_typestore(Stores.EMPTY)
+    types.register(get_types_from_msg(NAMED, "parts/msg/Leg"))
+    leg = types.types["parts/msg/Leg"]("leg", np.arange(3.0))
+    assert [name for name, _ in leaves(leg, "/leg")] == [f"/leg/place[{i}]" for i in range(3)]

@@ -17,6 +17,7 @@ import scipy.io
 
 from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
+from leapgap.logs.importers.tables import Table
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from tests.logs.test_tables import NO_COMMANDS, TWO_JOINTS
@@ -216,18 +217,23 @@ def test_pt_by_hand_is_read(tmp_path: Path) -> None:
         (b"cos\nsystem\n(X\x04\x00\x00\x00trueTR.", b"", "found os.system in the pickle; expected tensors"),
         (b"cbuiltins\neval\n(X\x01\x00\x00\x001tR.", b"", "found builtins.eval in the pickle; expected tensors"),
         (tensor_pickle(6, (7,), (1,)), bytes(24), "a tensor that ends at value 6 of 6"),
-        (tensor_pickle(6, (2,), (-1,)), bytes(24), "found a pickle of something else"),
-        (tensor_pickle(6, (2,), (1,), -3), bytes(24), "found a pickle of something else"),
+        (tensor_pickle(6, (2,), (-1,)), bytes(24), "found no readable zip of tensors"),
+        (tensor_pickle(6, (2,), (1,), -3), bytes(24), "found no readable zip of tensors"),
         (tensor_pickle(6, (10**6, 10**6), (0, 0)), bytes(24), r"found 1e\+12 values; expected at most"),
         (tensor_pickle(10**12, (6,), (1,)), bytes(24), "found 24 bytes; expected 1000000000000 values of 4 bytes"),
-        (tensor_pickle(6, (6,), (1,))[:-9], bytes(24), "found a pickle of something else"),
-        (b"ctorch._utils\n_rebuild_tensor_v2\nN}X\x08\x00\x00\x00functionNs\x86b.", b"", "something else"),
+        (tensor_pickle(6, (6,), (1,))[:-9], bytes(24), "found no readable zip of tensors"),
+        (
+            b"ctorch._utils\n_rebuild_tensor_v2\nN}X\x08\x00\x00\x00functionNs\x86b.",
+            b"",
+            "found no readable zip of tensors",
+        ),
     ],
 )
 def test_pt_that_means_harm_is_refused(tmp_path: Path, pickled: bytes, content: bytes, message: str) -> None:
     path = write_pt(tmp_path / "a.pt", pickled, _0=content)
+    layout = log_format("pt")
     with pytest.raises(InputError, match=message):
-        log_format("pt").read_table(path, None, lambda _: True)
+        layout.table(path, layout.Options())
 
 
 def test_pt_of_an_object_runs_nothing(tmp_path: Path) -> None:
@@ -281,11 +287,11 @@ def test_lerobot_episodes_are_logs(arm: Robot, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "file", "message"),
     [
-        ("npz", "a.npz", "found no whole NumPy archive"),
+        ("npz", "a.npz", "found no readable NumPy archive"),
         ("parquet", "a.parquet", "found no readable Parquet"),
-        ("hdf5", "a.h5", "found no whole HDF5 file"),
-        ("mat", "a.mat", "found no whole MATLAB file"),
-        ("pt", "a.pt", "found no whole zip"),
+        ("hdf5", "a.h5", "found no readable HDF5"),
+        ("mat", "a.mat", "found no readable MATLAB file"),
+        ("pt", "a.pt", "found no readable zip of tensors"),
         ("ros", "a.bag", "found no readable recording"),
         ("ros", "a.mcap", "found no readable recording"),
         ("ros", "a.db3", "found no readable recording"),
@@ -314,3 +320,36 @@ def test_a_file_that_is_cut_off_is_refused(arm: Robot, tmp_path: Path, name: str
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
     with pytest.raises(InputError):
         read(name, path, arm, "t", "q[*]")
+
+
+def test_single_numbers_of_a_matlab_file_are_arrays_too(tmp_path: Path) -> None:
+    """A period that stands beside the columns is what a proposed map takes the clock from."""
+    scipy.io.savemat(tmp_path / "a.mat", {"dt": 0.01, "log": {"q": Q, "rate": 100}, "note": "by hand"})
+    found = log_format("mat").read_table(tmp_path / "a.mat", None, lambda _: True)
+    assert {name: array.shape for name, array in found.items()} == {"dt": (), "log.q": Q.shape, "log.rate": ()}
+    assert (found["dt"], found["log.rate"]) == (0.01, 100)
+
+
+def test_a_vector_of_one_in_a_lerobot_dataset_is_there_by_its_name(tmp_path: Path) -> None:
+    """LeRobot stores such a feature as plain numbers."""
+    dataset = write_lerobot(tmp_path / "one")
+    info = json.loads((dataset / "meta" / "info.json").read_text())
+    info["features"] |= {"timestamp": {"dtype": "float32", "shape": [1], "names": ["since_begin"]}}
+    (dataset / "meta" / "info.json").write_text(json.dumps(info))
+    found = log_format("lerobot").read_table(dataset, None, lambda _: True)
+    assert found["timestamp.since_begin"] == pytest.approx(np.tile(TIME - 5, 2), abs=1e-6)
+    assert found["observation.state.shoulder.pos"][:ROWS] == pytest.approx(Q[:, 1], rel=1e-6)
+
+
+def test_a_missing_date_is_no_number_and_short_integers_do_not_wrap() -> None:
+    stamps = np.array(["2024-05-01T00:00:00", "NaT", "2024-05-01T00:00:02"], dtype="M8[ns]")
+    table = Table(Path("a"), {"date": stamps, "tick": np.array([-30000, 0, 30000], dtype=np.int16)})
+    assert table.instants("date").tolist() == pytest.approx([0.0, np.nan, 2.0], nan_ok=True)
+    assert table.instants("tick").tolist() == [0.0, 30000.0, 60000.0]
+
+
+def test_objects_in_a_list_in_a_record_are_there_by_their_numbers(arm: Robot, tmp_path: Path) -> None:
+    """As the state of a robot is written that has a list of motors."""
+    records = [{"t": t, "motors": [{"q": q[0]}, {"q": q[1]}]} for t, q in zip(TIME.tolist(), Q.tolist(), strict=True)]
+    (tmp_path / "a.jsonl").write_text("\n".join(map(json.dumps, records)))
+    assert_right(read("json", tmp_path / "a.jsonl", arm, "t", "motors.*.q"))

@@ -169,6 +169,22 @@ def test_time_stamps_that_repeat_or_run_back_are_refused_or_dropped_with_a_word(
         read(table, arm, **POSITIONS, repeated_times="sort")
 
 
+def test_a_missing_time_stamp_takes_no_other_row_with_it(arm: Robot, tmp_path: Path) -> None:
+    columns = plain()
+    columns["t"][20] = np.nan
+    log = read(write_table(tmp_path / "a.csv", columns), arm, repeated_times="drop", **POSITIONS)
+    assert len(log) == 49 and log.time[-1] == pytest.approx(0.49)
+    assert log.info.extra["derived"]["time"].startswith("1 rows left out")
+
+
+def test_a_blank_line_before_columns_between_spaces(arm: Robot, tmp_path: Path) -> None:
+    columns = plain()
+    rows = "\n".join(" ".join(f"{value:.9g}" for value in row) for row in zip(*columns.values(), strict=True))
+    (tmp_path / "a.csv").write_text("\n" + " ".join(columns) + "\n" + rows + "\n")
+    log = read(tmp_path / "a.csv", arm, delimiter=" ", **POSITIONS)
+    assert log["joint_pos/elbow"] == pytest.approx(columns["q2"])
+
+
 def test_whole_numbers_of_nanoseconds_keep_all_their_digits(arm: Robot, tmp_path: Path) -> None:
     lines = ["t,q1,q2", *(f"{1_700_000_000_000_000_000 + 1001 * row},0,0" for row in range(20))]
     (tmp_path / "a.csv").write_text("\n".join(lines))

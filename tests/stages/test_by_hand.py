@@ -135,6 +135,7 @@ def test_a_damaged_raw_jump_leaves_the_imported_ones_as_they_were(tmp_path: Path
     assert (out / "jump_03.parquet").read_bytes() == before
 
 
+@pytest.mark.long  # every run of the tests has a sweep of trainings, in test_sweep.py
 def test_multirun_sweeps(tmp_path: Path) -> None:
     result = stage(
         "collect",

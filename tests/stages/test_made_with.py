@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 from leapgap.errors import InputError
 from leapgap.runtime.atomic_io import read_json
 from stages import made_with
-from tests.code import ROOT
+from tests.code import ROOT, TREE
 from tests.project import Project
 
 OTHER = {"metrics/made_with.json", "metrics/timing/stages.json"}
@@ -39,11 +39,12 @@ def test_every_file_of_figures_has_a_record() -> None:
 def test_the_code_of_every_file_of_figures_is_there() -> None:
     for code in made_with.CODE.values():
         assert [path for path in code if "/" in path and not (ROOT / path).exists()] == []
-        assert made_with.files_of(ROOT, code)
+        assert made_with.files_of(ROOT, code, TREE)
 
 
 def test_code_of_a_module_is_all_that_it_imports() -> None:
-    files = {path.relative_to(ROOT).as_posix() for path in made_with.files_of(ROOT, [made_with.DIAGNOSIS])}
+    found = made_with.files_of(ROOT, [made_with.DIAGNOSIS], TREE)
+    files = {path.relative_to(ROOT).as_posix() for path in found}
     assert {"src/leapgap/effects/joint_friction.py", "src/leapgap/simulation/replay.py"} <= files
     assert "src/leapgap/cli.py" not in files and "src/leapgap/logs/importers/csv.py" not in files
 
@@ -64,33 +65,37 @@ def test_a_change_of_code_makes_figures_older_and_another_file_does_not(tmp_path
         path.write_text("{}")
     project.git("init", "-q")
     project.commit("start")
-    assert made_with.state(tmp_path, name) == "unknown"
+
+    def state() -> str:
+        return made_with.state(tmp_path, name, made_with.modules(tmp_path))
+
+    assert state() == "unknown"
     made_with.note(tmp_path, [name])
-    assert made_with.state(tmp_path, name) == "as it stands"
+    assert state() == "as it stands"
     assert (
         read_json(tmp_path / made_with.NOTED)[name]["commit"] == project.git("rev-parse", "--short=10", "HEAD").strip()
     )
     planner.with_name("readme.md").write_text("other")
-    assert made_with.state(tmp_path, name) == "as it stands"
+    assert state() == "as it stands"
     planner.write_text("{}  # a comment")
-    assert made_with.state(tmp_path, name) == "as it stands"
+    assert state() == "as it stands"
     planner.write_text("{1: 1}")
-    assert made_with.state(tmp_path, name) == "older"
+    assert state() == "older"
     made = read_json(tmp_path / made_with.NOTED)[name]["commit"]
     project.git("commit", "-qam", "a set more")
     made_with.note(tmp_path, [name], unchanged="a set that nobody reads does nothing")
-    assert made_with.state(tmp_path, name) == "unchanged"
+    assert state() == "unchanged"
     assert read_json(tmp_path / made_with.NOTED)[name]["commit"] == made
     assert made_with.files_by_reason(tmp_path, [name]) == {"a set that nobody reads does nothing": [name]}
     assert f"- `{name}` unchanged: a set that nobody reads does nothing." in made_with.markdown(tmp_path)
     planner.write_text("{2: 2}")
-    assert made_with.state(tmp_path, name) == "older"
+    assert state() == "older"
     made_with.note(tmp_path, [name])
-    assert made_with.state(tmp_path, name) == "as it stands"
+    assert state() == "as it stands"
     planner.rename(planner.with_name("other.py"))
-    assert made_with.state(tmp_path, name) == "older"
+    assert state() == "older"
     (tmp_path / name).unlink()
-    assert made_with.state(tmp_path, name) == "absent"
+    assert state() == "absent"
 
 
 def test_only_figures_that_are_known_and_there_are_noted(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Owners' robots against plain MuJoCo and by hand: drives, errors, draws, and the rule of right or honest."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -12,7 +13,7 @@ from leapgap.robot.model import Robot
 from leapgap.validation.outcome import CaseOutcome, outcome
 from leapgap.validation.owners.cases import OwnersCase, OwnersHalf, Plan, draw_owners, write_owners_case
 from leapgap.validation.owners.errors import OF_ROBOT, TOLD_LIMIT, TOLD_SET_POINTS, TOLD_VELOCITY
-from leapgap.validation.owners.plant import Drive, build
+from leapgap.validation.owners.plant import OwnersDrive, build
 from leapgap.validation.owners.robots import ROBOTS
 from tests.code import ROOT
 from tests.validation.test_scoring import report, truth
@@ -21,11 +22,11 @@ MODELS = ROOT / "conf" / "withhold" / "models"
 BENCH, LIMIT = ROBOTS["bench"], np.array([9.0, 5.0])
 
 
-def drive(**changed: object) -> Drive:
-    return Drive(**{"kp": np.array(BENCH.kp), "kd": np.array(BENCH.kd), "limit": LIMIT} | changed)  # type: ignore[arg-type]
+def drive(**changed: object) -> OwnersDrive:
+    return OwnersDrive(**{"kp": np.array(BENCH.kp), "kd": np.array(BENCH.kd), "limit": LIMIT} | changed)  # type: ignore[arg-type]
 
 
-def still(of: Drive, rows: int = 400) -> np.ndarray:
+def still(of: OwnersDrive, rows: int = 400) -> np.ndarray:
     """What the joints of the test bench show at last, under set points that do not move."""
     plant = build(MODELS / "bench.xml", of)
     at = np.tile(plant.model.key_qpos[0], (rows, 1))
@@ -34,7 +35,7 @@ def still(of: Drive, rows: int = 400) -> np.ndarray:
 
 def test_a_drive_that_does_what_the_log_says_is_mujocos_own_position_servo() -> None:
     so101, rows = ROBOTS["so101"], 60
-    plant = build(MODELS / "so101.xml", Drive(np.array(so101.kp), np.array(so101.kd), np.full(6, 2.94)))
+    plant = build(MODELS / "so101.xml", OwnersDrive(np.array(so101.kp), np.array(so101.kd), np.full(6, 2.94)))
     time = np.arange(rows) * so101.period_s
     sent = so101.set_points(time, plant.model.key_qpos[0], np.random.default_rng(1))
     run = plant.run(sent, np.zeros_like(sent), so101.period_s, 0.0005, 0)
@@ -94,9 +95,10 @@ def test_halves_share_no_case_and_a_seed_gives_the_same_ones() -> None:
     assert sorted(len(case.errors) for case in tuning) == [0] * 2 + [1] * 10 + [2] * 6 + [3] * 2
 
 
-def test_every_error_can_be_drawn_and_a_case_is_the_same_bytes(tmp_path: Path) -> None:
+def test_every_error_can_be_drawn_and_a_case_is_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, errors in OF_ROBOT.items():
         assert len({error.__name__ for error in errors}) >= 10, name
+    monkeypatch.setitem(ROBOTS, "bench", replace(BENCH, length_s=1.5))  # logs as short as these hold all it takes
     case = OwnersCase("tuning", "bench", ("velocity", "torque_limit", "link_payload"), 5)
     written = []
     for folder in (tmp_path / "a", tmp_path / "b"):

@@ -14,27 +14,23 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.rollout import Rollout
 from leapgap.validation.case import CaseSetup, WithheldCase, further_jumps, withhold
-from leapgap.validation.case_draw import Case, Further, FurtherCounts, Half, draw_cases
+from leapgap.validation.case_draw import Case, FurtherCounts, FurtherKinds, Half, draw_cases
 from leapgap.validation.generator import Generator, Nuisance
 from leapgap.validation.physics import OTHERS, physics_of
 from leapgap.validation.uneven_rows import (
     FAMILIES,
     ClockFamily,
-    Drift,
-    LateMessages,
-    LateWriter,
-    LostRows,
-    OtherPeriod,
-    StaleSamples,
-    Stalls,
     UnevenRows,
-    clock_family,
 )
 from stages.common import CONF
 from tests.conftest import standing
 
 GRAVITY = 9.81
 ROWS, LIMBS = 4000, 4
+
+
+def clock(name: str, **sizes: float) -> ClockFamily:
+    return ClockFamily(name, sizes)
 
 
 def case_of(clock: ClockFamily | None, *acting: effects.Effect) -> Case:
@@ -48,18 +44,18 @@ def even(references: list[Log], robot: Robot, world: CaseSetup) -> WithheldCase:
 
 @pytest.fixture(scope="module")
 def lost(references: list[Log], robot: Robot, world: CaseSetup) -> WithheldCase:
-    return withhold(case_of(LostRows(0.3)), references, robot, world)
+    return withhold(case_of(clock("lost_rows", share=0.3)), references, robot, world)
 
 
 @pytest.fixture(scope="module")
 def stale(references: list[Log], robot: Robot, world: CaseSetup) -> WithheldCase:
-    return withhold(case_of(StaleSamples(0.3)), references, robot, world)
+    return withhold(case_of(clock("stale_samples", share=0.3)), references, robot, world)
 
 
 @pytest.fixture(scope="module")
 def late(references: list[Log], robot: Robot, world: CaseSetup) -> WithheldCase:
     damping = effects.effect("joint_damping", damping=0.8)
-    return withhold(case_of(LateWriter(0.6), damping), references, robot, world)
+    return withhold(case_of(clock("late_writer", share=0.6), damping), references, robot, world)
 
 
 def test_a_robot_falls_with_g_on_the_true_instants_of_its_rows(robot: Robot) -> None:
@@ -155,22 +151,22 @@ def drawn(family: ClockFamily, seed: int = 1):
 
 
 def test_families_are_what_they_are_named_after() -> None:
-    held = drawn(LateWriter(0.5)).held
+    held = drawn(clock("late_writer", share=0.5)).held
     assert set(held) == {0.0, 1.0, 2.0, 3.0} and np.mean(held == 1) == pytest.approx(0.5, abs=0.03)
-    held = drawn(Stalls(10.0)).held
+    held = drawn(clock("stalls", per_1000=10.0)).held
     assert set(held[held < 4]) == {1.0} and held.max() <= 12 and 20 < (held > 1).sum() < 60
-    held = drawn(Drift(0.2)).held
+    held = drawn(clock("drift", size=0.2)).held
     assert np.abs(np.diff(held)).max() < 0.001 and 0.79 < held.min() < held.max() < 1.21 and np.ptp(held) > 0.1
     for length, true in ((0.77, 0.75), (1.02, 1.25), (1.5, 1.5)):
-        assert set(drawn(OtherPeriod(length)).held) == {true}
-    written = drawn(LostRows(0.2)).written
+        assert set(drawn(clock("other_period", length=length)).held) == {true}
+    written = drawn(clock("lost_rows", share=0.2)).written
     assert written[0] and written.mean() == pytest.approx(0.8, abs=0.03)
-    every = drawn(LateMessages(0.5, 10.0))
+    every = drawn(clock("late_messages", share=0.5, per_1000=10.0))
     assert every.stale.mean() == pytest.approx(0.25, abs=0.02) and (every.held >= 4).any() and (every.held == 0).any()
 
 
 def test_rows_of_one_instant_and_lost_rows_show_the_samples_of_written_rows() -> None:
-    both = replace(drawn(LostRows(0.4)), stale=drawn(StaleSamples(0.4), 2).stale)
+    both = replace(drawn(clock("lost_rows", share=0.4)), stale=drawn(clock("stale_samples", share=0.4), 2).stale)
     assert both.instants[0] == 0 and len(both.instants) == both.written.sum() == len(both.shown)
     assert (both.shown <= np.arange(len(both.shown))[:, None]).all()
     assert np.array_equal(both.instants, np.flatnonzero(both.written))
@@ -178,7 +174,7 @@ def test_rows_of_one_instant_and_lost_rows_show_the_samples_of_written_rows() ->
 
 def test_an_unknown_family_or_physics_is_told() -> None:
     with pytest.raises(InputError, match="clock family leap_seconds"):
-        clock_family("leap_seconds", {})
+        clock("leap_seconds")
     with pytest.raises(InputError, match="physics aether"):
         physics_of("aether")
 
@@ -194,7 +190,7 @@ HALVES = {"reported": Half(7, 3, 1, 1, 1, ["wind"])}
 
 def draw(section: dict, robot: Robot, *numbers: int, shares: dict | None = None) -> list[Case]:
     """Cases with so many of uneven rows, of a third physics and of too high models."""
-    further = Further({"reported": FurtherCounts(*numbers)}, section["clocks"], shares or section["too_high"])
+    further = FurtherKinds({"reported": FurtherCounts(*numbers)}, section["clocks"], shares or section["too_high"])
     return draw_cases(HALVES, section["sizes"], section["signed"], robot, further)
 
 

@@ -1,6 +1,5 @@
 """Aerodynamic drag on the trunk."""
 
-from collections.abc import Hashable
 from dataclasses import dataclass
 
 import mujoco
@@ -35,11 +34,6 @@ class AerodynamicDrag(Effect):
         velocity = np.einsum("sij,sj->si", jacobian, at.qvel)
         drag = -np.linalg.norm(velocity, axis=1, keepdims=True) * velocity
         return np.einsum("si,sij->sj", drag, jacobian)[None]
-
-    @property
-    def structure(self) -> Hashable | None:
-        """A sphere in the wind."""
-        return None if self.is_nominal else self.name
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Put the sphere at the trunk's centre of mass; it touches nothing."""

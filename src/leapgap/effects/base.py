@@ -2,7 +2,7 @@
 
 import threading
 from abc import ABC
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
@@ -108,7 +108,11 @@ class Commands:
     @property
     def newest(self) -> "Commands":
         """The commands of the last period, as they would be without its predecessors."""
-        return Commands(self.torque[-1:], self.position[-1:], self.velocity[-1:])
+        return self.each(lambda sent: sent[-1:])
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> "Commands":
+        """What a change makes of each quantity, without its rows."""
+        return Commands(change(self.torque), change(self.position), change(self.velocity))
 
 
 @dataclass(frozen=True)
@@ -360,7 +364,8 @@ class Effect(ABC):
 
         Models of equal structure share one batch and are compiled once.
         """
-        return None
+        absent = self.is_nominal or not overrides(type(self), "change_spec")
+        return None if absent else (self.name, self.location)
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:  # noqa: B027
         """Add the parts that ``structure`` names; ``change_model`` then gives them their size."""
@@ -439,6 +444,51 @@ class Effect(ABC):
         return start
 
 
+@dataclass(frozen=True)
+class MotorEffect(Effect):
+    """An effect of the motors at some joints."""
+
+    places = "joints"
+    along_joints = True
+    needs_motor = True
+
+
+@dataclass(frozen=True)
+class AddedToJoints(Effect):
+    """A number added to the model's own at each joint of a place; negative values reduce it, down to none."""
+
+    places = "joints"
+    along_joints = True
+
+    model_field: ClassVar[str]
+    """Field of MuJoCo's model, a row a degree of freedom; of several columns the first one."""
+    most: ClassVar[float] = 0.0
+    """Upper end of the search as a share of the motors' largest torque, where that is more than declared."""
+
+    @classmethod
+    def own(cls, model: mujoco.MjModel, robot: Robot, location: str) -> tuple[np.ndarray, np.ndarray]:
+        """The field of a model, (dofs,), and the degrees of freedom at a location."""
+        values = getattr(model, cls.model_field)
+        return values if values.ndim == 1 else values[:, 0], robot.joint_dofs[robot.joints_at(location)]
+
+    @classmethod
+    def parameters(cls, robot: Robot, location: str = "all") -> tuple[Parameter, ...]:
+        """From none at all upwards."""
+        (declared,) = super().parameters(robot, location)
+        values, dofs = cls.own(robot.model, robot, location)
+        return (addition(widened(declared, robot, location, cls.most), values[dofs]),)
+
+    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Add to the numbers of the joints; no sum is below zero."""
+        if self.is_nominal:
+            return
+        values, dofs = self.own(model, robot, self.location)
+        (by,) = self.values.values()
+        values[dofs] = np.maximum(values[dofs] + by, 0.0)
+        if self.model_field == "dof_armature":
+            recompute_constants(model)
+
+
 @cache
 def overrides(kind: type[Effect], method: str) -> bool:
     """Whether a class of effects overrides a method or a property."""
@@ -473,11 +523,6 @@ def widened(declarations: Parameter, robot: Robot, location: str, share: float) 
     """
     most = robot.largest_torque(location)
     return declarations if most is None else replace(declarations, upper=max(declarations.upper, share * most))
-
-
-def add_nonnegative(own: np.ndarray, by: float) -> np.ndarray:
-    """Values of the model plus ``by``, at least zero."""
-    return np.asarray(np.maximum(own + by, 0.0))
 
 
 def mean_of(own: np.ndarray) -> float:

@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 import mujoco
+import numpy as np
 
-from leapgap.effects.base import parameter, recompute_constants
+from leapgap.effects.base import parameter
 from leapgap.effects.inertial_effect import InertialEffect
+from leapgap.effects.links import move_centre
 from leapgap.robot.model import Robot
 
 
@@ -19,14 +21,6 @@ class ComOffset(InertialEffect):
     x_m: float = parameter(0.0, "m", -0.1, 0.1, 0.03)
     z_m: float = parameter(0.0, "m", -0.1, 0.1, 0.03)
 
-    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+    def change_bodies(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Move the inertial frame of the base body, its geoms staying where they are."""
-        if self.is_nominal:
-            return
-        body = robot.base_body
-        # MuJoCo takes a short cut where frames coincide; they no longer do.
-        model.body_sameframe[body] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)
-        on_base = model.geom_bodyid == body
-        model.geom_sameframe[on_base] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)
-        model.body_ipos[body] += (self.x_m, 0.0, self.z_m)
-        recompute_constants(model)
+        move_centre(model, robot.base_body, np.array([self.x_m, 0.0, self.z_m]))

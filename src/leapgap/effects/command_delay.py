@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect, parameter
+from leapgap.effects.base import Commands, MotorEffect, parameter
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
-class CommandDelay(Effect):
+class CommandDelay(MotorEffect):
     """Torque feed-forward and set points arrive later; the joint PD itself runs at the joint, at once.
 
     Each command is held for one period. Where the delay is no whole number of periods, a period sees the end of one
@@ -19,9 +19,6 @@ class CommandDelay(Effect):
     """
 
     name = "command_delay"
-    places = "joints"
-    along_joints = True
-    needs_motor = True
 
     delay_s: float = parameter(0.0, "s", 0.0, 0.15, 0.005)
 
@@ -32,8 +29,6 @@ class CommandDelay(Effect):
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Shift the commands of the joints."""
-        if self.is_nominal:
-            return commands
         at = robot.joints_at(self.location)
         rows = np.arange(len(commands.torque)) - self.delay_s / period_s
         whole = np.floor(rows + 1e-9).astype(int)  # a delay of whole periods is one in spite of rounding
@@ -45,25 +40,20 @@ class CommandDelay(Effect):
             arrived[:, at] = (1 - share) * sent[before][:, at] + share * sent[after][:, at]
             return arrived
 
-        return Commands(late(commands.torque), late(commands.position), late(commands.velocity))
+        return commands.each(late)
 
     def change_newest_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """The same for the last period, by the same arithmetic."""
-        if self.is_nominal:
-            return commands.newest
         last = len(commands.torque) - 1
         row = last - self.delay_s / period_s
         whole = math.floor(row + 1e-9)
         share = min(max(row - whole, 0.0), 1.0)
         before, after = max(whole, 0), min(max(whole + 1, 0), last)
-        if self.location == "all":
-            kept = (commands.torque, commands.position, commands.velocity)
-            return Commands(*(((1 - share) * sent[before] + share * sent[after])[None] for sent in kept))
-        at = robot.joints_at(self.location)
+        at = slice(None) if self.location == "all" else robot.joints_at(self.location)
 
         def late(sent: np.ndarray) -> np.ndarray:
             arrived = sent[-1:].copy()
             arrived[0, at] = (1 - share) * sent[before, at] + share * sent[after, at]
             return arrived
 
-        return Commands(late(commands.torque), late(commands.position), late(commands.velocity))
+        return commands.each(late)

@@ -34,8 +34,7 @@ class ComputationDelay(Effect):
         starts = np.flatnonzero(np.diff(row, prepend=-1))
         # Row r + share, in periods: a share above one reaches into the next row.
         arrive = np.interp(np.arange(len(starts)) + self.share, np.arange(len(starts) + 1), [*starts, count])
-        sent = (commands.torque, commands.position, commands.velocity)
-        return Commands(*(arrivals(one[starts], arrive, count) for one in sent))
+        return commands.each(lambda sent: arrivals(sent[starts], arrive, count))
 
 
 def arrivals(sent: np.ndarray, arrive: np.ndarray, count: int) -> np.ndarray:

@@ -48,12 +48,8 @@ def mixed_contact(model: mujoco.MjModel, foot: int) -> tuple[int, np.ndarray, np
     share = solver_mix(float(model.geom_solmix[foot]), float(model.geom_solmix[ground]))
     both_standard = own[2][0] > 0 and other[2][0] > 0
     solref = share * own[2] + (1 - share) * other[2] if both_standard else np.minimum(own[2], other[2])
-    return (
-        max(own[0], other[0]),
-        np.maximum(own[1], other[1]),
-        solref,
-        share * own[3] + (1 - share) * other[3],
-    )
+    solimp = share * own[3] + (1 - share) * other[3]
+    return max(own[0], other[0]), np.maximum(own[1], other[1]), solref, solimp
 
 
 def ground_under(model: mujoco.MjModel, foot: int) -> int | None:
@@ -89,11 +85,7 @@ def decide_contact(model: mujoco.MjModel, robot: Robot, location: str) -> None:
     others = np.setdiff1d(np.arange(model.ngeom), foot_geoms(model, robot, "all"))
     highest = int(model.geom_priority[others].max(initial=-1))
     for foot in feet[model.geom_priority[feet] <= highest]:
-        mixed = mixed_contact(model, int(foot))
-        (
-            model.geom_condim[foot],
-            model.geom_friction[foot],
-            model.geom_solref[foot],
-            model.geom_solimp[foot],
-        ) = mixed
+        fields = (model.geom_condim, model.geom_friction, model.geom_solref, model.geom_solimp)
+        for values, mixed in zip(fields, mixed_contact(model, int(foot)), strict=True):
+            values[foot] = mixed
         model.geom_priority[foot] = highest + 1

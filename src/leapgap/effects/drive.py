@@ -82,6 +82,12 @@ class Drive:
         changed[joints] *= by
         return replace(self, **{name: changed})
 
+    def added(self, name: str, joints: np.ndarray, by: np.ndarray | float) -> "Drive":
+        """The same motors with one field larger by so much at some joints."""
+        changed = getattr(self, name).copy()
+        changed[joints] += by
+        return replace(self, **{name: changed})
+
     def gains(self, kp: np.ndarray, kd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gains of the joint PD that act, from those that were sent, (…, joints) each: N·m/rad, N·m·s/rad."""
         return kp * self.kp_scale, kd * self.kd_scale

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.effects.base import Commands, CommandStage, Effect, parameter
+from leapgap.effects.base import Commands, CommandStage, MotorEffect, parameter
 from leapgap.effects.recursion import first_order
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
-class DroppedCommands(Effect):
+class DroppedCommands(MotorEffect):
     """Share of the commands that are lost, each by chance and on its own; the joint PD goes on with the last one.
 
     Which ones were lost is not known, so the mean over all losses acts: with the share p, command u of row t is
@@ -20,17 +20,12 @@ class DroppedCommands(Effect):
 
     name = "dropped_commands"
     by_default = False
-    places = "joints"
-    along_joints = True
-    needs_motor = True
     command_stage = CommandStage.CHOICE
 
     share: float = parameter(0.0, "1", 0.0, 0.95, 0.5)
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Replace the commands of the joints by their mean over the losses."""
-        if self.is_nominal:
-            return commands
         at = robot.joints_at(self.location)
         row = np.arange(len(commands.torque)) if commands.row is None else commands.row
         begins = np.diff(row, prepend=-1) != 0
@@ -41,4 +36,4 @@ class DroppedCommands(Effect):
             mean[:, at] = held[np.cumsum(begins) - 1]
             return mean
 
-        return Commands(received(commands.torque), received(commands.position), received(commands.velocity))
+        return commands.each(received)

@@ -5,13 +5,13 @@ from math import inf
 
 import numpy as np
 
-from leapgap.effects.base import Effect, ForceContext, parameter
+from leapgap.effects.base import ForceContext, MotorEffect, parameter
 from leapgap.effects.drive import Drive, lacks_torque_limits
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
-class DutyLimit(Effect):
+class DutyLimit(MotorEffect):
     """Share of a motor's largest torque that is lost per rad/s of its joint, by a duty cycle that cannot exceed 1.
 
     The torque obeys −τ_max (1 + c q̇) ≤ τ ≤ τ_max (1 − c q̇), with τ_max of the model: a straight line from the stall
@@ -21,9 +21,6 @@ class DutyLimit(Effect):
 
     name = "duty_limit"
     by_default = False
-    places = "joints"
-    along_joints = True
-    needs_motor = True
 
     droop_s_rad: float = parameter(0.0, "s/rad", 0.0, 3.0, 0.05, limits=(0.0, inf))
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.effects.base import Effect, ForceContext, Parameter, parameter
+from leapgap.effects.base import Effect, ForceContext, MotorEffect, Parameter, parameter
 from leapgap.effects.joint_friction import JointFriction
 from leapgap.robot.model import Robot
 
@@ -18,15 +18,12 @@ STILL_RAD_S = 0.02
 
 
 @dataclass(frozen=True)
-class FrictionCompensation(Effect):
+class FrictionCompensation(MotorEffect):
     """Torque that motors add along the measured joint velocity, on top of the logged command."""
 
     name = "friction_compensation"
     by_default = False
     in_joint_fit = True
-    places = "joints"
-    along_joints = True
-    needs_motor = True
 
     torque_nm: float = parameter(0.0, "N·m", 0.0, 2.0, 0.2, limits=(-np.inf, np.inf))
 

@@ -1,13 +1,12 @@
 """Gravity compensation missing from the log."""
 
-from collections.abc import Hashable
 from dataclasses import dataclass
 from math import inf
 
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, ForceContext, Parameter, addition, parameter
+from leapgap.effects.base import ForceContext, MotorEffect, Parameter, addition, parameter
 from leapgap.effects.links import jacobians, links_at
 from leapgap.robot.model import Robot
 from leapgap.robot.model_file import gravity_of
@@ -17,7 +16,7 @@ LEAST = 1e-12
 
 
 @dataclass(frozen=True)
-class GravityCompensation(Effect):
+class GravityCompensation(MotorEffect):
     """Share of the weight of the links that the located joints move that the drive compensates, at all joints.
 
     MuJoCo's ``gravcomp``: the drive adds the torque that holds these weights, by the model, to what it is told, and its
@@ -27,9 +26,6 @@ class GravityCompensation(Effect):
 
     name = "gravity_compensation"
     by_default = False
-    places = "joints"
-    along_joints = True
-    needs_motor = True
 
     share: float = parameter(0.0, "1", 0.0, 1.2, 0.2, limits=(-inf, inf))
 
@@ -55,11 +51,6 @@ class GravityCompensation(Effect):
         weights = at.model.body_mass[bodies, None] * gravity_of(at.model)
         held = -np.einsum("bi,sbij->sj", weights, jacobians(at, bodies))
         return at.at_motors("all", held[:, at.robot.joint_dofs] * at.within)
-
-    @property
-    def structure(self) -> Hashable | None:
-        """Key of the links that are compensated; None without compensation."""
-        return None if self.is_nominal else (self.name, self.location)
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Let the links have a compensation, and the motors' limits hold for what they carry besides."""

@@ -30,8 +30,6 @@ class GravityDirection(InertialEffect):
         """Without gravity there is no direction of it."""
         return super().lacks(robot) or (None if np.any(gravity_of(robot.model)) else "gravity")
 
-    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+    def change_bodies(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Turn the gravity of the model."""
-        if self.is_nominal:
-            return
         model.opt.gravity = rotated(model.opt.gravity[None], lean(self.roll_rad, self.pitch_rad))[0]

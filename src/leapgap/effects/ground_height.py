@@ -1,6 +1,5 @@
 """Ground height under the feet."""
 
-from collections.abc import Hashable
 from dataclasses import dataclass
 
 import mujoco
@@ -22,11 +21,6 @@ class GroundHeight(Effect):
     places = "feet"
 
     height_m: float = parameter(0.0, "m", -0.08, 0.08, 0.03)
-
-    @property
-    def structure(self) -> Hashable | None:
-        """Key of the copy of the ground for these feet; None at nominal height."""
-        return None if self.is_nominal else (self.name, self.location)
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Copy every geom of the ground that feet can touch, for collisions with the named feet alone."""

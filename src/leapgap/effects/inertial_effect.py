@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, ForceContext
+from leapgap.effects.base import Effect, ForceContext, recompute_constants
 from leapgap.robot.model import Robot
 
 
@@ -16,8 +16,14 @@ class InertialEffect(Effect):
     """An effect that changes numbers of the rigid bodies, or of gravity, in the compiled model."""
 
     @abstractmethod
+    def change_bodies(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Change the numbers; at nominal parameters it is not asked for."""
+
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
-        """Change the numbers."""
+        """Change the numbers, and what MuJoCo derives from them."""
+        if not self.is_nominal:
+            self.change_bodies(model, robot)
+            recompute_constants(model)
 
     @classmethod
     def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import parameter, recompute_constants
+from leapgap.effects.base import parameter
 from leapgap.effects.inertial_effect import InertialEffect
 from leapgap.robot.model import Robot
 
@@ -28,11 +28,8 @@ class LegMass(InertialEffect):
         """Links are called legs on a robot with a free base."""
         return cls.name if robot.has_free_base else cls.other_names[0]
 
-    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+    def change_bodies(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Scale mass and inertia of the links and of the bodies fixed to them."""
-        if self.is_nominal:
-            return
         links = np.isin(model.body_weldid, robot.joint_bodies[robot.joints_at(self.location)])
         model.body_mass[links] *= self.scale
         model.body_inertia[links] *= self.scale
-        recompute_constants(model)

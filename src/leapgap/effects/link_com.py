@@ -6,7 +6,7 @@ from math import inf
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Parameter, parameter, recompute_constants
+from leapgap.effects.base import Parameter, parameter
 from leapgap.effects.inertial_effect import InertialEffect
 from leapgap.effects.links import arm_of_centre, links_at, move_centre, outward
 from leapgap.robot.model import Robot
@@ -36,10 +36,7 @@ class LinkCom(InertialEffect):
         most = max(LEAST_RANGE_M, *arms)
         return (replace(declared, lower=-most, upper=most, moderate=MODERATE * most),)
 
-    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+    def change_bodies(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Move the inertial frames of the links."""
-        if self.is_nominal:
-            return
         for body in links_at(robot, self.location):
             move_centre(model, int(body), self.outward_m * outward(robot, int(body)))
-        recompute_constants(model)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from leapgap.effects.base import parameter, recompute_constants
+from leapgap.effects.base import parameter
 from leapgap.effects.inertial_effect import InertialEffect
 from leapgap.effects.links import links_at
 from leapgap.robot.model import Robot
@@ -21,9 +21,6 @@ class LinkInertia(InertialEffect):
 
     scale: float = parameter(1.0, "1", 0.1, 5.0, 1.5)
 
-    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+    def change_bodies(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Scale the inertia of the links that the located joints move."""
-        if self.is_nominal:
-            return
         model.body_inertia[links_at(robot, self.location)] *= self.scale
-        recompute_constants(model)

@@ -5,7 +5,7 @@ from math import inf
 
 import mujoco
 
-from leapgap.effects.base import Parameter, parameter, recompute_constants
+from leapgap.effects.base import Parameter, parameter
 from leapgap.effects.inertial_effect import InertialEffect
 from leapgap.effects.links import add_mass, along, links_at, square_to
 from leapgap.robot.model import Robot
@@ -52,14 +52,11 @@ class LinkPayload(InertialEffect):
             replace(moment, lower=-far, upper=far, moderate=MODERATE_M * moderate),
         )
 
-    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+    def change_bodies(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the mass of each link, of which a tenth always stays."""
-        if self.is_nominal:
-            return
         for link in links_at(robot, self.location):
             own = float(model.body_mass[link])
             mass = max(self.mass_kg, -LARGEST_LOSS * own)
             inertia = self.moment_kg_m**2 * mass / max(mass**2, (LIGHT * own) ** 2)
             outward = along(robot, int(link))
             add_mass(model, int(link), mass, self.moment_kg_m * outward, inertia * square_to(outward))
-        recompute_constants(model)

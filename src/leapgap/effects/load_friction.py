@@ -1,12 +1,12 @@
 """Load-dependent friction."""
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, ForceContext, Load, parameter
+from leapgap.effects.base import ForceContext, Load, MotorEffect, parameter
 from leapgap.robot import actuators
 from leapgap.robot.model import Robot
 
@@ -15,7 +15,7 @@ STILL_RAD_S = 0.05
 
 
 @dataclass(frozen=True)
-class LoadFriction(Effect):
+class LoadFriction(MotorEffect):
     """Friction −share · |τ| · tanh(q̇ / 0.05 rad/s) of a joint whose motor gives τ, beside the model's own friction.
 
     A gear of efficiency 1 − share: the motor's torque comes through weaker where it drives the joint and stronger where
@@ -29,16 +29,8 @@ class LoadFriction(Effect):
 
     name = "load_friction"
     by_default = False
-    places = "joints"
-    along_joints = True
-    needs_motor = True
 
     share: float = parameter(0.0, "1", 0.0, 0.6, 0.1, limits=(0.0, 1.0))
-
-    @property
-    def structure(self) -> Hashable | None:
-        """Key of the joints that get actuators of their friction; None without friction."""
-        return None if self.is_nominal else (self.name, self.location)
 
     def _parts(self, robot: Robot) -> Iterator[tuple[int, str, str]]:
         """Joint, and names of its two actuators: a torque and a damper."""
@@ -63,7 +55,7 @@ class LoadFriction(Effect):
             return
         joints, *names = zip(*self._parts(robot), strict=True)
         at = list(joints)
-        push, damper = ([int(model.actuator_ctrladr[model.actuator(name).id]) for name in of] for of in names)
+        push, damper = (actuators.controls_of(model, of) for of in names)
         most = actuators.largest_damping(model, robot.joint_dofs[at], load.step_s)
         friction, speed = self.share * np.abs(load.torque[:, at]), load.velocity[:, at]
         faded = np.tanh(speed / STILL_RAD_S)

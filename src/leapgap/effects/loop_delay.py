@@ -1,17 +1,17 @@
 """Latency of the feedback loop."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect, ForceContext, parameter
+from leapgap.effects.base import Commands, ForceContext, MotorEffect, parameter
 from leapgap.effects.command_delay import CommandDelay
 from leapgap.effects.drive import Drive
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
-class LoopDelay(Effect):
+class LoopDelay(MotorEffect):
     """Time from a measurement to the torque of the joint PD that answers it; feed-forward and set points are as late.
 
     The PD acts on the state of ``delay_s`` ago, which is taken to second order: q(t − d) = q − d q̇ + d² q̈ / 2. So kd
@@ -21,9 +21,6 @@ class LoopDelay(Effect):
 
     name = "loop_delay"
     by_default = False
-    places = "joints"
-    along_joints = True
-    needs_motor = True
 
     delay_s: float = parameter(0.0, "s", 0.0, 0.15, 0.003)
 
@@ -47,6 +44,4 @@ class LoopDelay(Effect):
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Add to the time after which the joint PD answers."""
-        delay = drive.delay_s.copy()
-        delay[robot.joints_at(self.location)] += self.delay_s
-        return replace(drive, delay_s=delay)
+        return drive.added("delay_s", robot.joints_at(self.location), self.delay_s)

@@ -5,7 +5,7 @@ from math import inf
 
 import mujoco
 
-from leapgap.effects.base import Parameter, addition, parameter, recompute_constants
+from leapgap.effects.base import Parameter, addition, parameter
 from leapgap.effects.inertial_effect import InertialEffect
 from leapgap.robot.model import Robot
 
@@ -30,10 +30,7 @@ class Payload(InertialEffect):
         added = addition(declared, own)
         return (replace(added, lower=-LARGEST_LOSS * float(own[0]), lower_is_physical=False),)
 
-    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+    def change_bodies(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Add to the mass of the base body."""
-        if self.is_nominal:
-            return
         least = (1 - LARGEST_LOSS) * model.body_mass[robot.base_body]
         model.body_mass[robot.base_body] = max(model.body_mass[robot.base_body] + self.mass_kg, least)
-        recompute_constants(model)

@@ -5,13 +5,13 @@ from math import inf
 
 import numpy as np
 
-from leapgap.effects.base import Effect, ForceContext, parameter
+from leapgap.effects.base import ForceContext, MotorEffect, parameter
 from leapgap.effects.drive import Drive
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
-class PositionGain(Effect):
+class PositionGain(MotorEffect):
     """Ratio of the stiffness with which a joint PD acts to the logged ``cmd_kp``; feed-forward and limits stay.
 
     Where no position gain is logged there is nothing to scale.
@@ -19,9 +19,6 @@ class PositionGain(Effect):
 
     name = "position_gain"
     by_default = False
-    places = "joints"
-    along_joints = True
-    needs_motor = True
     in_controller = True
 
     scale: float = parameter(1.0, "1", 0.02, 50.0, 1.5, limits=(0.0, inf), logarithmic=True)

@@ -1,38 +1,29 @@
 """What effects between a motor and its joint share: a rotor beside the joint."""
 
 from abc import abstractmethod
-from collections.abc import Hashable
 from dataclasses import dataclass
 
 import mujoco
 
-from leapgap.effects.base import Effect
+from leapgap.effects.base import MotorEffect
 from leapgap.robot.model import Robot
 from leapgap.robot.rotors import add_rotors, joints_with_rotors, lacks_rotors
 
 
 @dataclass(frozen=True)
-class RotorEffect(Effect):
+class RotorEffect(MotorEffect):
     """An effect between rotor and joint: the joint PD acts on the rotor, and the log reports the joint.
 
     The armature is the rotor's inertia.
     """
 
     by_default = False
-    places = "joints"
-    along_joints = True
-    needs_motor = True
     has_rotors = True
 
     @classmethod
     def lacks(cls, robot: Robot) -> str | None:
         """A rotor without inertia would swing without end."""
         return super().lacks(robot) or lacks_rotors(robot)
-
-    @property
-    def structure(self) -> Hashable | None:
-        """Key of the joints that get a rotor; None where the effect is absent."""
-        return None if self.is_nominal else (self.name, self.location)
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Put rotors beside the joints."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect, parameter
+from leapgap.effects.base import Commands, MotorEffect, parameter
 from leapgap.effects.recursion import first_order
 from leapgap.robot.model import Robot
 
@@ -13,7 +13,7 @@ REMEMBERED = 30.0
 
 
 @dataclass(frozen=True)
-class SetPointFilter(Effect):
+class SetPointFilter(MotorEffect):
     """First-order low-pass on the set points of the joint PD, T dq_f/dt = q* − q_f, and on those of velocity alike.
 
     A period gets the mean of the filtered set point (the exact impulse). Before anything arrives the first command
@@ -22,9 +22,6 @@ class SetPointFilter(Effect):
 
     name = "set_point_filter"
     by_default = False
-    places = "joints"
-    along_joints = True
-    needs_motor = True
 
     time_constant_s: float = parameter(0.0, "s", 0.0, 0.5, 0.01)
 

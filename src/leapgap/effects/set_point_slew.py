@@ -5,7 +5,7 @@ from math import inf
 
 import numpy as np
 
-from leapgap.effects.base import Commands, Effect, ForceContext, Parameter, parameter
+from leapgap.effects.base import Commands, ForceContext, MotorEffect, Parameter, parameter
 from leapgap.robot.model import Robot
 
 AMPLE = 100.0
@@ -15,7 +15,7 @@ REMEMBERED_S = 2.0
 
 
 @dataclass(frozen=True)
-class SetPointSlew(Effect):
+class SetPointSlew(MotorEffect):
     """Largest rate at which the set point of the joint PD follows the one that is sent.
 
     A period gets the mean of the set point that moves (the exact impulse). It begins at the first command. In a fit
@@ -24,9 +24,6 @@ class SetPointSlew(Effect):
 
     name = "set_point_slew"
     by_default = False
-    places = "joints"
-    along_joints = True
-    needs_motor = True
 
     rate_rad_s: float | None = parameter(None, "rad/s", 0.05, AMPLE, limits=(1e-3, inf), logarithmic=True)
 

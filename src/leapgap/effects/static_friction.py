@@ -1,6 +1,6 @@
 """Static friction (stiction)."""
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf
 
@@ -43,11 +43,6 @@ class StaticFriction(Effect):
         (declared,) = super().parameters(robot, location)
         return (widened(declared, robot, location, MOST),)
 
-    @property
-    def structure(self) -> Hashable | None:
-        """Key of the joints that get a passive actuator; None without friction."""
-        return None if self.is_nominal else (self.name, self.location)
-
     def _parts(self, robot: Robot) -> Iterator[tuple[str, str]]:
         """Joint and name of its passive actuator."""
         for i in robot.joints_at(self.location):
@@ -62,12 +57,8 @@ class StaticFriction(Effect):
         """Set the size of the friction."""
         if self.is_nominal:
             return
+        friction = (SLIDING * self.torque_nm, self.torque_nm, STRIBECK_RAD_S)
         stiffness = self.torque_nm / DEFLECTION_RAD
         for _, part in self._parts(robot):
-            dc_motors.set_lugre_friction(
-                model,
-                model.actuator(part).id,
-                stiffness,
-                BRISTLE_DAMPING_S * stiffness,
-                (SLIDING * self.torque_nm, self.torque_nm, STRIBECK_RAD_S),
-            )
+            actuator = model.actuator(part).id
+            dc_motors.set_lugre_friction(model, actuator, stiffness, BRISTLE_DAMPING_S * stiffness, friction)

@@ -1,6 +1,6 @@
 """Supply voltage sag under load."""
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf
 
@@ -35,11 +35,6 @@ class SupplySag(Effect):
         """The load is a share of the largest torques, which the model states."""
         return super().lacks(robot) or lacks_torque_limits(robot)
 
-    @property
-    def structure(self) -> Hashable | None:
-        """Key of the actuators that take torque away; None without sag."""
-        return None if self.is_nominal else self.name
-
     def _parts(self, robot: Robot) -> Iterator[tuple[int, str]]:
         """Joint that a motor drives, and name of the actuator that takes torque away."""
         for i in np.flatnonzero(robot.driven):
@@ -64,6 +59,4 @@ class SupplySag(Effect):
         joints, names = zip(*self._parts(robot), strict=True)
         torque = load.torque[:, list(joints)]
         work = np.mean(np.abs(torque) / robot.torque_limits[list(joints)], axis=1, keepdims=True)
-        control[:, [int(model.actuator_ctrladr[model.actuator(name).id]) for name in names]] = (
-            -np.minimum(1.0, self.sag * work) * torque
-        )
+        control[:, actuators.controls_of(model, names)] = -np.minimum(1.0, self.sag * work) * torque

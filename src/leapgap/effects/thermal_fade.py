@@ -1,19 +1,18 @@
 """Torque loss as motors heat."""
 
-from collections.abc import Hashable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
 
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, parameter
+from leapgap.effects.base import MotorEffect, parameter
 from leapgap.effects.drive import Drive, add_heating, lacks_torque_limits
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
-class ThermalFade(Effect):
+class ThermalFade(MotorEffect):
     """Rate at which a motor's resistance rises under its largest torque, as a share of it, and with it torque is lost.
 
     A drive that takes its windings for cold delivers τ / (1 + r) of the torque τ that it is asked for. The rise r
@@ -25,9 +24,6 @@ class ThermalFade(Effect):
 
     name = "thermal_fade"
     by_default = False
-    places = "joints"
-    along_joints = True
-    needs_motor = True
 
     loss_per_s: float = parameter(0.0, "1/s", 0.0, 20.0, 1.0, limits=(0.0, inf))
 
@@ -36,18 +32,13 @@ class ThermalFade(Effect):
         """The loss is that under the largest torque, which the model states."""
         return super().lacks(robot) or lacks_torque_limits(robot)
 
-    @property
-    def structure(self) -> Hashable | None:
-        """Key of the motors whose warmth becomes a state; None without a loss."""
-        return None if self.is_nominal else (self.name, self.location)
-
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Give the motors their warmth as a state."""
         add_heating(spec, robot, self.location)
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Add to the motors' heating."""
-        heating = drive.heating.copy()
         at = robot.joints_at(self.location)
-        heating[at] += np.where(robot.driven[at], self.loss_per_s / robot.torque_limits[at] ** 2, 0.0)
-        return replace(drive, heating=heating)
+        return drive.added(
+            "heating", at, np.where(robot.driven[at], self.loss_per_s / robot.torque_limits[at] ** 2, 0.0)
+        )

@@ -4,19 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leapgap.effects.base import Effect, ForceContext, parameter
+from leapgap.effects.base import ForceContext, MotorEffect, parameter
 from leapgap.effects.drive import Drive
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
-class TorqueGain(Effect):
+class TorqueGain(MotorEffect):
     """Ratio of delivered to commanded torque: feed-forward, joint PD and limit are all scaled."""
 
     name = "torque_gain"
-    places = "joints"
-    along_joints = True
-    needs_motor = True
 
     scale: float = parameter(1.0, "1", 0.3, 1.5, 0.85)
 

@@ -5,20 +5,17 @@ from math import inf
 
 import numpy as np
 
-from leapgap.effects.base import Effect, ForceContext, parameter
+from leapgap.effects.base import ForceContext, MotorEffect, parameter
 from leapgap.effects.drive import Drive
 from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
-class TorqueLimit(Effect):
+class TorqueLimit(MotorEffect):
     """Ratio of the motors' largest torque to the model's; what is asked for below it is delivered as before."""
 
     name = "torque_limit"
     by_default = False
-    places = "joints"
-    along_joints = True
-    needs_motor = True
 
     scale: float = parameter(1.0, "1", 0.02, 5.0, 0.5, limits=(0.0, inf), logarithmic=True)
 

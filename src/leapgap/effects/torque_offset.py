@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from math import inf
 
-from leapgap.effects.base import Commands, Effect, Parameter, parameter
+from leapgap.effects.base import Commands, MotorEffect, Parameter, parameter
 from leapgap.robot.model import Robot
 
 LARGEST, MODERATE = 0.3, 0.03
@@ -11,14 +11,11 @@ LARGEST, MODERATE = 0.3, 0.03
 
 
 @dataclass(frozen=True)
-class TorqueOffset(Effect):
+class TorqueOffset(MotorEffect):
     """Constant torque added to what is commanded; the motor's limit and gain act on the sum."""
 
     name = "torque_offset"
     by_default = False
-    places = "joints"
-    along_joints = True
-    needs_motor = True
 
     torque_nm: float = parameter(0.0, "N·m", -10.0, 10.0, 1.0, limits=(-inf, inf))
 
@@ -33,8 +30,6 @@ class TorqueOffset(Effect):
 
     def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Add to the feed-forward torque of the joints."""
-        if self.is_nominal:
-            return commands
         torque = commands.torque.copy()
         torque[:, robot.joints_at(self.location)] += self.torque_nm
         return replace(commands, torque=torque)

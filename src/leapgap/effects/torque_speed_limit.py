@@ -5,7 +5,7 @@ from math import ceil, inf
 
 import numpy as np
 
-from leapgap.effects.base import Effect, Parameter, parameter
+from leapgap.effects.base import MotorEffect, Parameter, parameter
 from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
@@ -13,7 +13,7 @@ from leapgap.robot.motors import RESISTANCE, TOP_SPEED, MotorConstants
 
 
 @dataclass(frozen=True)
-class TorqueSpeedLimit(Effect):
+class TorqueSpeedLimit(MotorEffect):
     """The delivered torque obeys |R τ + q̇| ≤ voltage (τ N·m, q̇ rad/s, at the joint), beside the model's own limit of τ.
 
     R is the resistance of the robot's motors (``MotorConstants``); a robot that does not state it cannot have this
@@ -22,9 +22,6 @@ class TorqueSpeedLimit(Effect):
     """
 
     name = "torque_speed_limit"
-    places = "joints"
-    along_joints = True
-    needs_motor = True
 
     voltage_v: float | None = parameter(None, "V", 0.0, inf, limits=(0.0, inf))
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from leapgap.effects.base import parameter, recompute_constants
+from leapgap.effects.base import parameter
 from leapgap.effects.inertial_effect import InertialEffect
 from leapgap.robot.model import Robot
 
@@ -18,9 +18,6 @@ class TrunkInertia(InertialEffect):
 
     scale: float = parameter(1.0, "1", 0.3, 3.0, 1.5)
 
-    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+    def change_bodies(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Scale the inertia of the base body."""
-        if self.is_nominal:
-            return
         model.body_inertia[robot.base_body] *= self.scale
-        recompute_constants(model)

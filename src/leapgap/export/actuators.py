@@ -25,6 +25,7 @@ class ActuatorSettings:
     """Coulomb friction, a torque."""
     viscous_friction: dict[str, float]
     encoder_bias: dict[str, float]
+    """Reported − true position: what is added to observed joint positions."""
     delay_s: dict[str, tuple[float, float]]
     """Least and largest delay of commands: the 95 % interval; twice the same where it is known."""
 
@@ -55,9 +56,13 @@ class ActuatorSettings:
             },
         )
 
-    def source(self) -> dict[str, str]:
-        """Each setting as Python source, by its name; simulators take the joints' names as expressions."""
-        return {key: literal({exactly(joint): value for joint, value in of.items()}) for key, of in vars(self).items()}
+    @property
+    def source(self) -> str:
+        """All settings as Python source; simulators take the joints' names as expressions."""
+        values = {key: {exactly(joint): value for joint, value in of.items()} for key, of in vars(self).items()}
+        says = {"encoder_bias": "reported - true: add it to observed joint positions", "delay_s": "least and largest"}
+        lines = [f"# {key.upper()}: {words}\n" for key, words in says.items()]
+        return "".join([*lines, *(f"{key.upper()} = {literal(of)}\n" for key, of in values.items())])
 
     @property
     def missing(self) -> str | None:
@@ -79,7 +84,7 @@ class PythonExport(Export):
     """A file of Python with the settings of the actuators."""
 
     source: ClassVar[str]
-    """Its text, with the settings by name in braces."""
+    """Its text, with ``settings``, ``steps`` and what is ``further`` in braces."""
 
     @abstractmethod
     def further(self, corrected: CorrectedRobot) -> dict[str, str]:
@@ -87,5 +92,5 @@ class PythonExport(Export):
 
     def write(self, folder: Path, corrected: CorrectedRobot) -> None:
         """Write the Python file."""
-        values = ActuatorSettings.of(corrected).source() | self.further(corrected)
-        write_text(folder / self.name, self.source.format(steps=STEPS, **values))
+        settings = ActuatorSettings.of(corrected).source
+        write_text(folder / self.name, self.source.format(settings=settings, steps=STEPS, **self.further(corrected)))

@@ -38,7 +38,7 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Numbers:
+class RobotNumbers:
     """Numbers of one robot that simulators randomise."""
 
     joints: Mapping[str, np.ndarray]
@@ -92,16 +92,16 @@ class CorrectedRobot:
         """The nominal model, without what only shows."""
         return self.robot.on_terrain(())
 
-    def numbers(self, drawn: np.ndarray) -> Numbers:
+    def numbers(self, drawn: np.ndarray) -> RobotNumbers:
         """Numbers of the robot with numbers (numbers,) of the posterior."""
         effects, robot = self.posterior.with_numbers(drawn), self.robot
         model = changed_model(self.bare, robot, effects)
         feet = [model.geom(name).id for name in robot.foot_geom_names]
         bodies = (model.body_mass, model.body_ipos, model.body_inertia, model.body_iquat)
-        return Numbers(joint_numbers(robot, effects, model), *bodies, model.geom_friction[feet, 0])
+        return RobotNumbers(joint_numbers(robot, effects, model), *bodies, model.geom_friction[feet, 0])
 
     @cached_property
-    def corrected(self) -> Numbers:
+    def corrected(self) -> RobotNumbers:
         """Numbers of the corrected robot."""
         return self.numbers(self.posterior.mean)
 

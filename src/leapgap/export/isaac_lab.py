@@ -23,15 +23,7 @@ from isaaclab.actuators import DelayedPDActuatorCfg
 from isaaclab.envs import mdp
 from isaaclab.managers import EventTermCfg, SceneEntityCfg
 
-STIFFNESS = {stiffness}
-DAMPING = {damping}
-EFFORT_LIMIT = {effort_limit}
-ARMATURE = {armature}
-FRICTION = {friction}
-VISCOUS_FRICTION = {viscous_friction}
-ENCODER_BIAS = {encoder_bias}  # reported - true: add it to observed joint positions
-DELAY_S = {delay_s}
-BODY_RANGES = {ranges}
+{settings}BODY_RANGES = {ranges}
 VARIES = {varies}
 {steps}
 

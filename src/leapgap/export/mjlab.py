@@ -15,15 +15,7 @@ from mjlab.envs.mdp import dr
 from mjlab.managers.event_manager import EventTermCfg
 from mjlab.managers.scene_entity_config import SceneEntityCfg
 
-STIFFNESS = {stiffness}
-DAMPING = {damping}
-EFFORT_LIMIT = {effort_limit}
-ARMATURE = {armature}
-FRICTION = {friction}
-VISCOUS_FRICTION = {viscous_friction}
-ENCODER_BIAS = {encoder_bias}
-DELAY_S = {delay_s}
-RANGES = {ranges}
+{settings}RANGES = {ranges}
 {steps}
 
 def actuators(physics_dt):

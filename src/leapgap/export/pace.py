@@ -12,18 +12,10 @@ which PACE fits them: armature, viscous friction, friction and encoder bias of e
 
 from pace_sim2real.utils import PaceDCMotorCfg
 
-STIFFNESS = {stiffness}
-DAMPING = {damping}
-EFFORT_LIMIT = {effort_limit}
-ARMATURE = {armature}
-FRICTION = {friction}
-VISCOUS_FRICTION = {viscous_friction}
-ENCODER_BIAS = {encoder_bias}
-DELAY_S = {delay_s}  # least and largest; PACE has one delay for all joints, here the mean
-
+{settings}
 
 def delay_steps(physics_dt):
-    """The delay of all joints in physics steps."""
+    """The delay of all joints in physics steps: the mean, for PACE has one delay."""
     return round(sum(low + high for low, high in DELAY_S.values()) / (2 * len(DELAY_S) * physics_dt))
 
 

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from leapgap.export.base import CorrectedRobot, Export, Numbers
+from leapgap.export.base import CorrectedRobot, Export, RobotNumbers
 from leapgap.robot.mjcf import copy_asset
 from leapgap.robot.model import Robot
 from leapgap.robot.rotations import matrix_of
@@ -46,23 +46,24 @@ class Urdf(Export):
         write_text(folder / self.name / FILE, ElementTree.tostring(root, encoding="unicode") + "\n")
 
 
-def change_joints(root: ElementTree.Element, robot: Robot, numbers: Numbers) -> None:
+def change_joints(root: ElementTree.Element, robot: Robot, numbers: RobotNumbers) -> None:
     """Put damping, friction and scaled limits of effort into the joints of a URDF."""
     joints = {joint.get("name"): joint for joint in root.iterfind("joint")}
     for i, name in enumerate(robot.joints):
         if (joint := joints.get(name)) is None:
             continue  # one of the three that MuJoCo makes of a planar joint, which has one damping for all
-        of = {key: float(numbers.joints[key][i]) for key in ("damping", "friction", "torque_limit", "torque_gain")}
+        of = {key: float(numbers.joints[key][i]) for key in ("damping", "friction", "torque_limit")}
         child(joint, "dynamics").attrib |= {key: number(of[key]) for key in ("damping", "friction")}
         limit = joint.find("limit")
-        if limit is not None and of["torque_gain"] != 1 and np.isfinite(of["torque_limit"]):
+        if limit is not None and of["torque_limit"] != robot.torque_limits[i] and np.isfinite(of["torque_limit"]):
             limit.set("effort", number(of["torque_limit"]))
 
 
 def change_links(root: ElementTree.Element, corrected: CorrectedRobot) -> None:
     """Put the inertia of the bodies that differ into the links of a URDF.
 
-    MuJoCo joins links that fixed joints hold to one body: its link then gets all of the inertia, and they none.
+    MuJoCo joins links that fixed joints hold to one body, unless the file forbids it: its link then gets all of the
+    inertia, and they none.
     """
     nominal, numbers = corrected.bare, corrected.corrected
     links = {link.get("name"): link for link in root.iterfind("link")}
@@ -70,7 +71,8 @@ def change_links(root: ElementTree.Element, corrected: CorrectedRobot) -> None:
     for joint in root.iterfind("joint[@type='fixed']"):
         ends = [joint.find(end) for end in ("parent", "child")]
         above, below = ("" if end is None else end.get("link", "") for end in ends)
-        fixed.setdefault(above, []).append(below)
+        if below not in corrected.body_names:
+            fixed.setdefault(above, []).append(below)
     for body in corrected.robot.bodies:
         fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
         pairs = [(getattr(nominal, field)[body], getattr(numbers, field)[body]) for field in fields]
@@ -191,7 +193,7 @@ def add_origin(element: ElementTree.Element, place: np.ndarray, turn: np.ndarray
     ElementTree.SubElement(element, "origin", {"xyz": vector(place), "rpy": vector([roll, pitch, yaw])})
 
 
-def set_inertia(link: ElementTree.Element, numbers: Numbers, body: int, offset: np.ndarray | float = 0.0) -> None:
+def set_inertia(link: ElementTree.Element, numbers: RobotNumbers, body: int, offset: np.ndarray | float = 0.0) -> None:
     """Give a link the mass, centre of mass and inertia of a body; ``offset`` is its frame's in that of the body, m."""
     for old in link.findall("inertial"):
         link.remove(old)

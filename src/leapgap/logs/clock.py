@@ -27,7 +27,7 @@ def check_period(where: object, time: np.ndarray, stated_s: float) -> None:
 
 def increasing_rows(time: np.ndarray) -> np.ndarray:
     """Whether each row is later than all rows before it, bool, (rows,)."""
-    latest = np.maximum.accumulate(time)
+    latest = np.fmax.accumulate(time)  # no number is later than none
     return np.concatenate([[True], time[1:] > latest[:-1]])
 
 

@@ -18,7 +18,7 @@ LEAST_PAIRS = 20
 
 
 @dataclass(frozen=True)
-class VelocityFilter:
+class FilterRule:
     """A velocity that is ``kept`` times the one before and the rest the last difference of positions over a step."""
 
     kept: float
@@ -26,7 +26,7 @@ class VelocityFilter:
     """Of the pairs of samples one step apart, those that obey this to their last digits."""
 
 
-def filter_of(position: np.ndarray, velocity: np.ndarray, instants: np.ndarray, step: float) -> VelocityFilter | None:
+def filter_of(position: np.ndarray, velocity: np.ndarray, instants: np.ndarray, step: float) -> FilterRule | None:
     """The rule by which velocities (samples, channels) were computed from positions; None where there are few pairs.
 
     ``instants`` (samples,), s. Pairs of samples one step apart are looked at, the half of them in which the velocity
@@ -41,10 +41,10 @@ def filter_of(position: np.ndarray, velocity: np.ndarray, instants: np.ndarray, 
         return None
     kept = (moved - after)[tells] / (moved - before)[tells]
     usual = float(np.median(kept))
-    return VelocityFilter(usual, float((np.abs(kept - usual) < DIGITS).mean()))
+    return FilterRule(usual, float((np.abs(kept - usual) < DIGITS).mean()))
 
 
-def obeyed_filters(filters: Mapping[str, VelocityFilter | None]) -> dict[str, VelocityFilter]:
+def obeyed_filters(filters: Mapping[str, FilterRule | None]) -> dict[str, FilterRule]:
     """The rules, by message, that surely made their velocities; none where no message obeys its own.
 
     A message with more noise counts where its pairs ask, in the median, for what the others obey.

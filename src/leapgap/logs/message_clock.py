@@ -7,7 +7,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from leapgap.logs.filtered_velocity import VelocityFilter, filter_of, obeyed_filters
+from leapgap.logs.filtered_velocity import FilterRule, filter_of, obeyed_filters
 from leapgap.logs.log import Log
 from leapgap.logs.row_clock import RowClock
 from leapgap.logs.streams import BASE, CURVATURE, NOISE_WINDOW, OUTLIER, VELOCITY, Stream, mean_row
@@ -24,46 +24,38 @@ PRECISE = 0.15
 """Instants known to this share of a step of a whole-number clock are precise."""
 
 
-@dataclass(frozen=True)
-class Differences:
-    """Equations ``by · (plus − minus) = right`` between two unknowns each."""
+WHOLE, REAL = ("plus", "minus", "stream"), ("by", "right", "spread", "bend")
+EQUATION = np.dtype([*((key, np.int64) for key in WHOLE), *((key, np.float64) for key in REAL)])
+"""An equation ``by · (plus − minus) = right ± spread`` between two unknowns. Where it tells the motion of a message,
+``stream`` is that message, −1 elsewhere, and ``bend`` the change of velocity, by which a delay acts on the right."""
 
-    plus: np.ndarray
-    minus: np.ndarray
-    by: np.ndarray | float
-    right: np.ndarray | float
-    spread: np.ndarray | float
-    """Standard deviation of each equation."""
-    bend: np.ndarray | float = 0.0
-    """Change of velocity, by which its delay acts on the right side."""
-    stream: int = -1
-    """Index of the message whose motion they tell; −1 where they tell none."""
+
+def equations(plus: np.ndarray, minus: np.ndarray, **others: np.ndarray | float) -> np.ndarray:
+    """So many equations, as ``EQUATION``."""
+    found = np.zeros(len(plus), EQUATION)
+    for key, values in {"by": 1.0, "stream": -1, **others, "plus": plus, "minus": minus}.items():
+        found[key] = values
+    return found
 
 
 @dataclass(frozen=True)
-class Equations:
+class System:
     """What is known of the instants of rows and samples; unknown are those of the rows, then those of each message."""
 
-    parts: tuple[Differences, ...]
+    equations: np.ndarray
+    """As ``EQUATION``, (equations,)."""
     first: np.ndarray
-    """Index of the first sample of each message among the unknowns; before them stand the rows."""
+    """Index of the first sample of each message among the unknowns, and their number; before them stand the rows."""
     sharpness: tuple[np.ndarray, ...]
     """For each message, standard deviation of the time between its samples by their motion alone, s."""
 
-    def column(self, name: str, last: float) -> np.ndarray:
-        """One number of every equation, and that of the last one, which puts the first row at instant 0."""
-        sizes = (len(part.plus) for part in self.parts)
-        parts = zip(self.parts, sizes, strict=True)
-        return np.concatenate([*(np.broadcast_to(getattr(part, name), size) for part, size in parts), [last]])
-
     def matrix(self) -> sp.csr_matrix:
-        """Left sides, (equations, unknowns)."""
-        plus, minus, by = (self.column(name, last) for name, last in (("plus", 0), ("minus", 0), ("by", 1.0)))
-        number, origin = np.arange(len(plus)), len(plus) - 1
-        values, rows = np.concatenate([by, -by[:origin]]), np.concatenate([number, number[:origin]])
-        return sp.csr_matrix(
-            (values, (rows, np.concatenate([plus, minus[:origin]]))), shape=(len(plus), int(self.first[-1]))
-        )
+        """Left sides, (equations, unknowns); the number after the last unknown stands for 0."""
+        known, number = self.equations, np.arange(len(self.equations))
+        unknowns = np.concatenate([known["plus"], known["minus"]])
+        values = np.concatenate([known["by"], -known["by"]])
+        whole = sp.csr_matrix((values, (np.tile(number, 2), unknowns)), shape=(len(number), int(self.first[-1]) + 1))
+        return whole[:, :-1]
 
 
 def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
@@ -73,13 +65,13 @@ def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
     passed; a row is written a little after the samples that it shows first.
     """
     period = mean_row(log, streams)
-    equations = equations_of(streams, period)
-    found = solve(equations, streams, period)
-    step = whole_step(found.samples, equations.sharpness, period)
+    system = system_of(streams, period)
+    found = solve(system, streams, period)
+    step = whole_step(found.samples, system.sharpness, period)
     if step is not None:
-        found = solve(with_whole_steps(equations, found.samples, step), streams, period)
+        found = solve(with_whole_steps(system, found.samples, step), streams, period)
     shown = {stream.name: found.samples[k][np.cumsum(stream.fresh) - 1] for k, stream in enumerate(streams)}
-    instants = instants_of_rows(found, streams, shown, equations.sharpness, step or period)
+    instants = instants_of_rows(found, streams, shown, system.sharpness, step or period)
     if step is not None:
         instants = step * np.round((instants - instants[0]) / step)
     return RowClock(
@@ -91,7 +83,7 @@ def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
     )
 
 
-def equations_of(streams: Sequence[Stream], period: float) -> Equations:
+def system_of(streams: Sequence[Stream], period: float) -> System:
     """All equations of a log of so many rows; ``period`` is the mean length of a row, s."""
     rows = len(streams[0].fresh)
     first = rows + np.concatenate([[0], np.cumsum([int(stream.fresh.sum()) for stream in streams])])
@@ -100,28 +92,27 @@ def equations_of(streams: Sequence[Stream], period: float) -> Equations:
         moves, sharp = motion_equations(stream, k, int(first[k]), period)
         at = np.flatnonzero(stream.fresh)
         after = first[k] + np.arange(1, len(at))
-        lasts = period * np.diff(at)
         shown, late = first[k] + np.cumsum(stream.fresh) - 1, np.where(stream.fresh, LAG_SPREAD, 3 * LAG_SPREAD)
         parts += [
             *moves,
-            Differences(after, after - 1, 1.0, lasts, FREE * period),
-            Differences(np.arange(rows), shown, 1.0, LAG * period, late * period),
+            equations(after, after - 1, right=period * np.diff(at), spread=FREE * period),
+            equations(np.arange(rows), shown, right=LAG * period, spread=late * period),
         ]
         sharpness.append(sharp)
-    return Equations(tuple(parts), first, tuple(sharpness))
+    origin = equations(np.zeros(1), first[-1:], spread=1 / ORIGIN)
+    return System(np.concatenate([*parts, origin]), first, tuple(sharpness))
 
 
-def motion_equations(stream: Stream, index: int, first: int, period: float) -> tuple[list[Differences], np.ndarray]:
+def motion_equations(stream: Stream, index: int, first: int, period: float) -> tuple[list[np.ndarray], np.ndarray]:
     """What the motion of each channel says of the times between samples, and how precisely the best one does, s."""
     at = np.flatnonzero(stream.fresh)
     after, between = first + np.arange(1, len(at)), np.diff(at)
     found, sharp = [], np.full(len(between), np.inf)
-    for channel in range(stream.position.shape[1]):
-        q, v = stream.position[at, channel], stream.velocity[at, channel]
+    for q, v, noise in zip(stream.position[at].T, stream.velocity[at].T, stream.noise, strict=True):
         mean, bend = (v[1:] + v[:-1]) / 2, np.diff(v)
         curved = CURVATURE * period * np.abs(bend) * np.hypot(1.0, between / 5)
-        spread = np.hypot(np.sqrt(2) * stream.noise[channel], curved)
-        found.append(Differences(after, after - 1, mean, np.diff(q), spread, bend, index))
+        spread = np.hypot(np.sqrt(2) * noise, curved)
+        found.append(equations(after, after - 1, by=mean, right=np.diff(q), spread=spread, bend=bend, stream=index))
         sharp = np.minimum(sharp, spread / np.maximum(np.abs(mean), 1e-9))
     return found, sharp
 
@@ -136,25 +127,25 @@ class Solution:
     """When the samples of each message were taken, s, (samples,) each."""
 
 
-def solve(equations: Equations, streams: Sequence[Stream], period: float) -> Solution:
+def solve(system: System, streams: Sequence[Stream], period: float) -> Solution:
     """Solve the equations by robust least squares.
 
     A velocity may be that of a moment before its position; this delay of each message is found on the way.
     """
-    matrix, bend, of = equations.matrix(), equations.column("bend", 0.0), equations.column("stream", -1).astype(int)
-    right, before = equations.column("right", 0.0), 1 / equations.column("spread", 1 / ORIGIN)
+    matrix, known, rows = system.matrix(), system.equations, int(system.first[0])
+    of, bend, before = np.maximum(known["stream"], 0), known["bend"], 1 / known["spread"]  # no bend, no delay
     delay, weight, found = np.full(len(streams), period / 2), before, np.zeros(0)
-    row_of_unknown = [np.arange(equations.first[0]) + 0.5, *(np.flatnonzero(stream.fresh) for stream in streams)]
+    row_of_unknown = [np.arange(rows) + 0.5, *(np.flatnonzero(stream.fresh) for stream in streams)]
     order = np.argsort(np.concatenate(row_of_unknown), kind="stable")
     for _ in range(ROUNDS):
-        moved = right - np.where(of >= 0, delay[of] * bend, 0.0)
+        moved = known["right"] - delay[of] * bend
         weighted = sp.diags(weight) @ matrix
         found = solve_in_order(weighted.T @ weighted, weighted.T @ (weight * moved), order)
         missed = matrix @ found - moved
         weight = before / np.sqrt(1 + (missed * before / OUTLIER) ** 2)
-        delay = delay - delay_change(of, bend, weight, missed, len(streams))
-    ends = zip(equations.first, equations.first[1:], strict=False)
-    return Solution(found[: equations.first[0]], tuple(found[a:b] for a, b in ends))
+        pull, square = (np.bincount(of, weight**2 * bend * by, len(streams)) for by in (missed, bend))
+        delay = delay - pull / np.where(square > 0, square, 1.0)
+    return Solution(found[:rows], tuple(np.split(found, system.first[:-1])[1:]))
 
 
 def solve_in_order(matrix: sp.csr_matrix, right: np.ndarray, order: np.ndarray) -> np.ndarray:
@@ -166,23 +157,11 @@ def solve_in_order(matrix: sp.csr_matrix, right: np.ndarray, order: np.ndarray) 
     return found
 
 
-def delay_change(of: np.ndarray, bend: np.ndarray, weight: np.ndarray, missed: np.ndarray, streams: int) -> np.ndarray:
-    """By how much the delay of each message's velocities has to fall to explain what is missed, s, (messages,).
-
-    ``of`` is the message of each equation, the others (equations,) too.
-    """
-    change = np.zeros(streams)
-    for k in range(streams):
-        own, square = (of == k) * weight**2 * bend, float(((of == k) * weight**2 * bend**2).sum())
-        change[k] = float((own * missed).sum()) / square if square > 0 else 0.0
-    return change
-
-
 STEPS_S = (0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.0005, 0.00025)
 """Steps of simulations and control loops that are looked for, s, longest first."""
 
 
-def velocity_filters(streams: Sequence[Stream], found: Solution, step: float) -> dict[str, VelocityFilter]:
+def velocity_filters(streams: Sequence[Stream], found: Solution, step: float) -> dict[str, FilterRule]:
     """Rules by which velocities were computed from positions, by the velocity columns of joints that obey one."""
     joints = [(stream, samples) for stream, samples in zip(streams, found.samples, strict=True) if stream.name != BASE]
     rules = obeyed_filters(
@@ -218,18 +197,15 @@ def whole_step(samples: Sequence[np.ndarray], sharpness: Sequence[np.ndarray], p
     return None
 
 
-def with_whole_steps(equations: Equations, samples: Sequence[np.ndarray], step: float) -> Equations:
+def with_whole_steps(system: System, samples: Sequence[np.ndarray], step: float) -> System:
     """The equations with one more for each time between samples that is precisely so many steps."""
-    plus: list[np.ndarray] = []
-    right: list[np.ndarray] = []
-    for first, own, sharp in zip(equations.first, samples, equations.sharpness, strict=False):
+    more = []
+    for first, own, sharp in zip(system.first, samples, system.sharpness, strict=False):
         number = np.round(np.diff(own) / step)
         near = (np.abs(np.diff(own) / step - number) < PRECISE) & (sharp < PRECISE * step) & (number >= 1)
-        plus.append(first + 1 + np.flatnonzero(near))
-        right.append(step * number[near])
-    after = np.concatenate(plus)
-    whole = Differences(after, after - 1, 1.0, np.concatenate(right), step / 100)
-    return replace(equations, parts=(*equations.parts, whole))
+        after = first + 1 + np.flatnonzero(near)
+        more.append(equations(after, after - 1, right=step * number[near], spread=step / 100))
+    return replace(system, equations=np.concatenate([system.equations, *more]))
 
 
 def instants_of_rows(

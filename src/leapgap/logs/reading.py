@@ -13,7 +13,7 @@ from leapgap.logs.consistency import remarks
 from leapgap.logs.files import check_folder, check_tree, decoding
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.log import Log, check_read, read_log
-from leapgap.logs.schema import BASE_QUATERNION
+from leapgap.logs.state import check_logged
 from leapgap.robot.model import Robot
 
 FEWEST = 2
@@ -121,17 +121,7 @@ def of_robot(log: Log, robot: Robot | None) -> Log:
     """The log; ``InputError`` where a robot is given and the log cannot be of it."""
     if robot is None:
         return log
-    missing = [joint for joint in robot.joints if f"joint_pos/{joint}" not in log]
-    if len(missing) == len(robot.joints):
-        expected = f"joints of {robot.name}: {', '.join(robot.joints)}"
-        raise InputError(log.name, f"positions of none of its joints (robot {log.info.robot})", expected, "log them")
-    if missing:
-        expected = f"positions of all joints of {robot.name}"
-        raise InputError(log.name, f"no joint_pos of {', '.join(missing)}", expected, "log them")
-    if robot.has_free_base and BASE_QUATERNION[0] not in log:
-        expected = f"the attitude of the free base of {robot.name}"
-        do = "log it; a robot that hangs is diagnosed with robot.fix_base=true"
-        raise InputError(log.name, f"no {', '.join(BASE_QUATERNION)}", expected, do)
+    check_logged(log, robot)
     check_joints(log, robot)
     return log
 

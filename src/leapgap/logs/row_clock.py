@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from leapgap.logs.filtered_velocity import VelocityFilter, without_filter
+from leapgap.logs.filtered_velocity import FilterRule, without_filter
 from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_QUATERNION
 from leapgap.logs.streams import POSITION, VELOCITY
@@ -26,7 +26,7 @@ class RowClock:
     """Step of which all instants are whole multiples; None where there is none."""
     repeats: Mapping[str, float]
     """Message → share of the rows, while it moves, that repeat the sample of the row before."""
-    filters: Mapping[str, VelocityFilter] = field(default_factory=dict)
+    filters: Mapping[str, FilterRule] = field(default_factory=dict)
     """Velocity column of a joint → how it follows from the positions, where it does to the last digit."""
 
     @property

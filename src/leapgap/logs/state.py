@@ -82,15 +82,9 @@ def motion_of(log: Log, robot: Robot, rows: slice = slice(None)) -> Motion:
 
 def logged_motion(log: Log, robot: Robot) -> Motion:
     """The columns of a log as a motion; zero for what it lacks."""
+    check_logged(log, robot)
     motion = Motion(np.tile(robot.model.qpos0, (len(log), 1)), np.zeros((len(log), robot.model.nv)))
     if robot.has_free_base:
-        if BASE_QUATERNION[0] not in log:
-            raise InputError(
-                log.name,
-                f"no {', '.join(BASE_QUATERNION)}",
-                f"the attitude of the free base of {robot.name}",
-                "log it; a robot that hangs is diagnosed with robot.fix_base=true",
-            )
         motion.base_position[:] = log.stack(BASE_POSITION) if BASE_POSITION[0] in log else 0.0
         motion.base_quaternion[:] = quaternions(log)
         for part, columns in (
@@ -100,26 +94,28 @@ def logged_motion(log: Log, robot: Robot) -> Motion:
             for axis, column in enumerate(columns):
                 if column in log:
                     part[:, axis] = log[column]
-    check_joints_are_logged(log, robot)
     motion.qpos[:, robot.joint_qpos] = log.per_joint("joint_pos", robot.joints)
     if f"joint_vel/{robot.joints[0]}" in log:
         motion.qvel[:, robot.joint_dofs] = log.per_joint("joint_vel", robot.joints)
     return motion
 
 
-def check_joints_are_logged(log: Log, robot: Robot) -> None:
-    """Raise ``InputError`` for a log without the positions of some joints: nobody could say where replays begin."""
+def check_logged(log: Log, robot: Robot) -> None:
+    """Raise ``InputError`` for a log without what replays begin from: positions of all joints, attitude of a base."""
     missing = [joint for joint in robot.joints if f"joint_pos/{joint}" not in log]
-    if not missing:
-        return
-    passive = [joint for joint in missing if joint not in robot.driven_joints]
-    without = ", of joints without a motor" if passive == missing else ""
-    raise InputError(
-        log.name,
-        f"no joint_pos of {', '.join(missing)}{without}",
-        f"positions of all {len(robot.joints)} joints of {robot.name}: replays begin where the robot was",
-        "log them, or take joints that never move out of the model",
-    )
+    if len(missing) == len(robot.joints):
+        expected = f"joints of {robot.name}: {', '.join(robot.joints)}"
+        raise InputError(log.name, f"positions of none of its joints (robot {log.info.robot})", expected, "log them")
+    if missing:
+        passive = [joint for joint in missing if joint not in robot.driven_joints]
+        without = ", of joints without a motor" if passive == missing else ""
+        expected = f"positions of all {len(robot.joints)} joints of {robot.name}: replays begin where the robot was"
+        do = "log them, or take joints that never move out of the model"
+        raise InputError(log.name, f"no joint_pos of {', '.join(missing)}{without}", expected, do)
+    if robot.has_free_base and BASE_QUATERNION[0] not in log:
+        expected = f"the attitude of the free base of {robot.name}"
+        do = "log it; a robot that hangs is diagnosed with robot.fix_base=true"
+        raise InputError(log.name, f"no {', '.join(BASE_QUATERNION)}", expected, do)
 
 
 def has_base_velocity(log: Log) -> bool:

@@ -143,7 +143,7 @@ def span_of(position: np.ndarray, resolved: np.ndarray, period_s: float) -> int:
 
 
 @dataclass(frozen=True)
-class Lag:
+class VelocityLag:
     """Lag of a velocity behind its positions."""
 
     late_s: float
@@ -156,14 +156,14 @@ class Lag:
     """Whether that integral explains the displacements."""
 
 
-def lags_of(moved: np.ndarray, velocity: np.ndarray, span: int, period_s: float) -> list[Lag]:
+def lags_of(moved: np.ndarray, velocity: np.ndarray, span: int, period_s: float) -> list[VelocityLag]:
     """Lag of each velocity (rows, channels) behind displacements over ``span`` rows, (rows − span, channels)."""
     integral = np.concatenate([0 * velocity[:1], np.cumsum((velocity[1:] + velocity[:-1]) / 2, axis=0)]) * period_s
     summed = integral[span:] - integral[:-span]
     reach = max(1, min(int(LONGEST_S / period_s), len(moved) // 4))
     used = len(moved) - 2 * reach
     if used < PARTS:
-        return [Lag(0.0, np.inf, LATE, 1.0, False)] * moved.shape[1]
+        return [VelocityLag(0.0, np.inf, LATE, 1.0, False)] * moved.shape[1]
     part = np.arange(PARTS) * used // PARTS
     y, of_lags = moved[reach : reach + used], []
     for lag in range(2 * reach + 1):
@@ -171,7 +171,7 @@ def lags_of(moved: np.ndarray, velocity: np.ndarray, span: int, period_s: float)
         of_lags.append([np.add.reduceat(y * x, part), np.add.reduceat(x * x, part)])
     sums: np.ndarray = np.array(of_lags)  # (lags, 2, parts, channels)
     square = np.add.reduceat(y * y, part)
-    found: list[Lag] = []
+    found: list[VelocityLag] = []
     for k in range(moved.shape[1]):
         own, size = sums[:, :, :, k], square[:, k]
         best, left, left_at_zero = best_lag(own.sum(axis=2), size.sum())
@@ -179,7 +179,7 @@ def lags_of(moved: np.ndarray, velocity: np.ndarray, span: int, period_s: float)
         error = float(np.std(parts)) * np.sqrt(PARTS - 1) * period_s
         products, squares = own[reach].sum(axis=1)
         scale = float(products / max(squares, np.finfo(float).tiny))  # 0 for a velocity that stands
-        none = Lag(0.0, error, LATE, scale, left < 1 - FITS)
+        none = VelocityLag(0.0, error, LATE, scale, left < 1 - FITS)
         sure = left_at_zero > EXPLAINS * left and best >= LEAST_ROWS and best * period_s > SURE * error
         if not none.fits or not sure:
             found.append(none)
@@ -190,10 +190,10 @@ def lags_of(moved: np.ndarray, velocity: np.ndarray, span: int, period_s: float)
         fit, *_ = np.linalg.lstsq(x, y[:, k], rcond=None)
         by_filter = float(np.sum((y[:, k] - x @ fit) ** 2) / size.sum())
         if CLEARER * by_filter < left:
-            found.append(Lag(float(fit[1] / fit[0]), error, FILTERED, float(fit[0]), True))
+            found.append(VelocityLag(float(fit[1] / fit[0]), error, FILTERED, float(fit[0]), True))
         else:
             kind = LATE if CLEARER * left < by_filter else UNCLEAR
-            found.append(Lag(best * period_s, error, kind, float(products / squares), True))
+            found.append(VelocityLag(best * period_s, error, kind, float(products / squares), True))
     return found
 
 

@@ -11,6 +11,7 @@ from leapgap.diagnosis.report import ReportContent
 from leapgap.diagnosis.summary import brief
 from leapgap.reports.channel_names import LABELS, row_of
 from leapgap.reports.colours import CORRECTED, GREY, NOMINAL, REAL
+from leapgap.reports.page import heat_map
 from leapgap.reports.similarity import Similarity
 from leapgap.robot.model import Robot
 
@@ -30,26 +31,17 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
     order = [*(label for label in LABELS.values() if label in rows), *sorted(set(rows) - set(LABELS.values()))]
     shown = [p for p, _ in enumerate(phases) if any(rows[name][p] for name in order)] or [*range(len(phases))]
     values = 100 * np.array([[rows[name][p] for p in shown] for name in order])
-    figure = go.Figure(
-        go.Heatmap(
-            z=values,
-            x=[phases[p].replace("_", " ") for p in shown],
-            y=order,
-            colorscale="OrRd",
-            zmin=0,
-            text=[[f"{v:.1f}" if v >= 0.05 else "" for v in row] for row in values],
-            texttemplate="%{text}",
-            customdata=100 * np.array([[np.minimum(ends[name][p], 1.0) for p in shown] for name in order]),
-            hovertemplate="%{y}, %{x}: %{z:.1f} % of the gap, at most from %{customdata[0]:.1f} to %{customdata[1]:.1f}"
-            "<extra></extra>",
-            colorbar={"title": "%"},
-            xgap=2,
-            ygap=2,
-        )
+    intervals = 100 * np.array([[np.minimum(ends[name][p], 1.0) for p in shown] for name in order])
+    figure = heat_map(
+        values,
+        [phases[p].replace("_", " ") for p in shown],
+        order,
+        [[f"{v:.1f}" if v >= 0.05 else "" for v in row] for row in values],
+        "%{y}, %{x}: %{z:.1f} % of the gap, at most from %{customdata[0]:.1f} to %{customdata[1]:.1f}",
+        **{"colorscale": "OrRd", "zmin": 0, "customdata": intervals, "colorbar": {"title": "%"}},
     )
     figure.update_layout(height=90 + 27 * len(order), margin={"l": 180, "r": 20, "t": 30, "b": 20})
     figure.update_xaxes(side="top")
-    figure.update_yaxes(autorange="reversed")
     return figure
 
 
@@ -85,24 +77,10 @@ def round_numbers(values: Sequence[float]) -> list[float]:
 
 def similarities(alike: Similarity) -> go.Figure:
     """Correlations of what the effects change, as a map."""
-    values = np.round(alike.correlation, 2)
-    figure = go.Figure(
-        go.Heatmap(
-            z=values,
-            x=list(alike.names),
-            y=list(alike.names),
-            zmin=-1,
-            zmax=1,
-            colorscale="RdBu_r",
-            text=[[f"{value:.2f}" for value in row] for row in values],
-            texttemplate="%{text}",
-            hovertemplate="%{y} and %{x}: %{z:.2f}<extra></extra>",
-            xgap=2,
-            ygap=2,
-        )
-    )
-    figure.update_layout(height=130 + 42 * len(alike.names), margin={"l": 170, "r": 20, "t": 20, "b": 90})
-    figure.update_yaxes(autorange="reversed")
+    values, names = np.round(alike.correlation, 2), list(alike.names)
+    texts = [[f"{value:.2f}" for value in row] for row in values]
+    figure = heat_map(values, names, names, texts, "%{y} and %{x}: %{z:.2f}", zmin=-1, zmax=1, colorscale="RdBu_r")
+    figure.update_layout(height=130 + 42 * len(names), margin={"l": 170, "r": 20, "t": 20, "b": 90})
     return figure
 
 

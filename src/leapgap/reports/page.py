@@ -8,7 +8,7 @@ import base64
 import gzip
 import html
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,16 @@ def embed_json(text: str, **attributes: str) -> str:
         escaped = text.replace("</", "<\\/")  # would end the element
         return f'<script type="application/json"{named}>{escaped}</script>'
     return f'<script type="text/plain" data-packed{named}>{pack(text.encode())}</script>'
+
+
+def heat_map(
+    values: Any, across: Sequence[str], down: Sequence[str], texts: Sequence[Sequence[str]], hover: str, **more: Any
+) -> go.Figure:
+    """A map with a text in each cell, its first row at the top."""
+    cells = {"text": texts, "texttemplate": "%{text}", "xgap": 2, "ygap": 2}
+    figure = go.Figure(go.Heatmap(z=values, x=across, y=down, hovertemplate=f"{hover}<extra></extra>", **cells, **more))
+    figure.update_yaxes(autorange="reversed")
+    return figure
 
 
 def embed_figure(figure: go.Figure, name: str) -> str:

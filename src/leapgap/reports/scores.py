@@ -15,7 +15,6 @@ from leapgap.runtime.atomic_io import write_json, write_metrics, write_text
 from leapgap.runtime.output_folder import whole_folder
 from leapgap.validation import scoring
 from leapgap.validation.half_scores import (
-    PUBLISHED,
     REPORTED,
     TUNING,
     ScoreSettings,
@@ -26,6 +25,7 @@ from leapgap.validation.half_scores import (
     verdict_text,
 )
 from leapgap.validation.outcome import CaseOutcome
+from leapgap.validation.seal import PUBLISHED
 
 
 def write_scores(

@@ -8,7 +8,7 @@ from typing import Any
 import plotly.graph_objects as go
 
 from leapgap.reports.colours import CORRECTED, GREY, NOMINAL
-from leapgap.reports.page import embed_figure, render_text
+from leapgap.reports.page import embed_figure, heat_map, render_text
 from leapgap.validation.scoring import CONDITIONS
 
 RIGHT, WRONG = "#14804a", "#c0391b"
@@ -180,23 +180,10 @@ def confusion_matrix(table: Mapping[str, Mapping[str, int]]) -> go.Figure:
     said = sorted({name for row in table.values() for name in row}, key=lambda n: (n in ("none", "unknown"), n))
     truths = list(table)
     counts = [[table[t].get(s, 0) for s in said] for t in truths]
-    figure = go.Figure(
-        go.Heatmap(
-            z=counts,
-            x=said,
-            y=truths,
-            colorscale="Blues",
-            text=[[str(n) if n else "" for n in row] for row in counts],
-            texttemplate="%{text}",
-            showscale=False,
-            xgap=2,
-            ygap=2,
-            hovertemplate="true %{y}, said %{x}: %{z}<extra></extra>",
-        )
-    )
+    texts = [[str(n) if n else "" for n in row] for row in counts]
+    figure = heat_map(counts, said, truths, texts, "true %{y}, said %{x}: %{z}", colorscale="Blues", showscale=False)
     figure.update_layout(height=140 + 24 * len(truths), margin={"l": 250, "r": 20, "t": 120, "b": 10})
     figure.update_xaxes(side="top", tickangle=-45)
-    figure.update_yaxes(autorange="reversed")
     return figure
 
 

@@ -20,7 +20,8 @@ from leapgap.runtime.content_hash import file_digests
 from leapgap.runtime.executor import Executor
 
 PUBLISHED = "published"
-"""Name of the case of published jumps; it may be known, since their columns differ anyway."""
+"""Name of the case of published jumps, as in the seals, whose code verdicts must not depend on; it may be known, since
+their columns differ anyway."""
 
 
 @dataclass(frozen=True)

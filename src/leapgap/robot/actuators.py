@@ -8,7 +8,7 @@ actuators.
 """
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import mujoco
 import numpy as np
@@ -137,6 +137,11 @@ def add_push(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
     make_affine(added, gain=1.0)
     set_limit(added, UNLIMITED)
     return added
+
+
+def controls_of(model: mujoco.MjModel, names: Iterable[str]) -> list[int]:
+    """Where the controls of some actuators stand among all."""
+    return [int(model.actuator_ctrladr[model.actuator(name).id]) for name in names]
 
 
 def largest_damping(model: mujoco.MjModel, dofs: np.ndarray, step_s: float) -> np.ndarray:

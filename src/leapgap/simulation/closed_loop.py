@@ -13,7 +13,7 @@ import numpy as np
 
 from leapgap.effects.base import Commands, Effect, Load, overriding
 from leapgap.logs.log import Log
-from leapgap.logs.schema import PAIR_FORCE_AXES
+from leapgap.logs.schema import COMMANDS, PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import (
     ANGULAR_VELOCITY_SLICE,
@@ -272,13 +272,8 @@ def estimates(robot: Robot) -> Callable[[float, Motion, Motion, np.ndarray], Sta
 def with_commands(commanded: Log, sent: list[Command], robot: Robot) -> Log:
     """The log with the commands that were sent, and the planned ground forces behind them."""
     columns = {"time": commanded.time}
-    for quantity, values in {
-        "cmd_tau": np.array([c.torque for c in sent]),
-        "cmd_pos": np.array([c.position for c in sent]),
-        "cmd_vel": np.array([c.velocity for c in sent]),
-        "cmd_kp": np.array([c.kp for c in sent]),
-        "cmd_kd": np.array([c.kd for c in sent]),
-    }.items():
+    for quantity, name in zip(COMMANDS, ("torque", "position", "velocity", "kp", "kd"), strict=True):
+        values = np.array([getattr(command, name) for command in sent])
         columns |= {f"{quantity}/{joint}": values[:, i] for i, joint in enumerate(robot.joints)}
     force = np.array([c.planned_force for c in sent])
     columns |= {f"mpc_force/{axis}": force[:, i] for i, axis in enumerate(PAIR_FORCE_AXES)}

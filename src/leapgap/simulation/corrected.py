@@ -5,7 +5,7 @@
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motors import MotorConstants
 from leapgap.robot.topology import PartNames
 from leapgap.runtime.atomic_io import read_json, write_json, write_text
+from leapgap.runtime.typed_values import from_mapping
 from leapgap.simulation.corrected_model import corrected_spec
 from leapgap.simulation.corrected_readme import EFFECTS, MODEL, NOMINAL, PARAMETERS, README, readme
 from leapgap.simulation.corrected_values import parameters
@@ -68,36 +69,8 @@ def settings_of(robot: Robot) -> dict[str, Any]:
     if robot.stated_motors is not None:
         stated["motors"] = asdict(robot.stated_motors)
     if robot.names is not None:
-        stated["names"] = {
-            "limbs": {limb: list(of) for limb, of in robot.names.limbs.items()},
-            "groups": {group: list(of) for group, of in robot.names.groups.items()},
-            "feet": list(robot.names.feet),
-        }
+        stated["names"] = asdict(robot.names)
     return stated
-
-
-def stated_motors(value: Any, where: Path) -> Mapping[str, float]:
-    """Motor constants as ``settings_of`` writes them; ``InputError`` for anything else."""
-    keys = {field.name for field in fields(MotorConstants)}
-    numbers = isinstance(value, Mapping) and all(isinstance(one, float | int) for one in value.values())
-    if not numbers or set(value) != keys:
-        raise InputError(f"{where}, motors", repr(value), f"numbers for {', '.join(sorted(keys))}", "correct it")
-    return value
-
-
-def stated_names(value: Any, where: Path) -> Mapping[str, Any]:
-    """Names of parts as ``settings_of`` writes them; ``InputError`` for anything else."""
-
-    def are_names(found: Any) -> bool:
-        return isinstance(found, list) and all(isinstance(one, str) for one in found)
-
-    parts = value if isinstance(value, Mapping) else {"": value}
-    for key, found in parts.items():
-        of_parts = key in ("limbs", "groups") and isinstance(found, Mapping) and all(map(are_names, found.values()))
-        if not of_parts and not (key == "feet" and are_names(found)):
-            expected = "limbs and groups with lists of joints, feet as a list"
-            raise InputError(f"{where}, names", f"{key} {found!r}".strip(), expected, "correct it")
-    return parts
 
 
 def corrected_in(folder: Path) -> Path:
@@ -113,8 +86,8 @@ def read_corrected(folder: Path | str, own: Sequence[type[Effect]] = ()) -> tupl
     if not isinstance(entries, list):
         raise InputError(folder / EFFECTS, "no list of effects", "the key effects", "write it as a diagnosis does")
     where = folder / EFFECTS
-    motors = MotorConstants(**stated_motors(stated["motors"], where)) if "motors" in stated else None
-    names = PartNames(**stated_names(stated["names"], where)) if "names" in stated else None
+    motors = from_mapping(MotorConstants, stated["motors"], f"{where}, motors") if "motors" in stated else None
+    names = from_mapping(PartNames, stated["names"], f"{where}, names") if "names" in stated else None
     if not (folder / NOMINAL).is_file():
         do = f"{README} beside it says why; replay the robot's own file with --effect"
         raise InputError(folder, f"no {NOMINAL}", "the nominal robot beside its effects", do)

@@ -17,6 +17,7 @@ from leapgap.robot.kinematics import feet_positions
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import POSITION_SLICE, QUATERNION_SLICE, Motion
 from leapgap.robot.terrain import Box
+from leapgap.robot.topology import PAIRS
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import NoiseRows, SensorNoise
@@ -149,7 +150,7 @@ def with_block(log: Log, plan: MotionPlan, robot: Robot, course: Course) -> Log:
     for pair, height in (("front", plan.block_height_m), ("rear", plan.rear_block_height_m)):
         if height > 0:
             feet = feet_positions(robot, motion_of(log, robot, slice(1)).qpos)[0]
-            x, y = feet[[robot.feet.index(foot) for foot in robot.feet_of_pair(pair)], :2].mean(axis=0)
+            x, y = feet[robot.feet_at(pair), :2].mean(axis=0)
             size = (course.block_length_m, course.block_width_m, height)
             terrain = (*terrain, Box(round(float(x), 4), round(float(y), 4), size, height))
     return log if terrain == log.info.terrain else replace(log, info=replace(log.info, terrain=terrain))
@@ -164,7 +165,7 @@ def lift_out_of_ground(trial: Rollout, state: np.ndarray, replayer: Replayer) ->
     depth = replayer.foot_depths(replace(trial, first_state=state))
     if depth.max(initial=0.0) < LARGEST_DEPTH_M:
         return state
-    front, rear = (max(depth[robot.feet.index(f)] for f in robot.feet_of_pair(pair)) for pair in ("front", "rear"))
+    front, rear = (depth[robot.feet_at(pair)].max() for pair in PAIRS)
     state = raise_front(state, front - rear, robot)
     state[2] += replayer.foot_depths(replace(trial, first_state=state)).max()
     return state
@@ -176,9 +177,7 @@ def raise_front(state: np.ndarray, height_m: float, robot: Robot) -> np.ndarray:
     if height_m == 0:
         return state
     feet = feet_positions(robot, state[None, : robot.model.nq])[0]
-    front, rear = (
-        feet[[robot.feet.index(foot) for foot in robot.feet_of_pair(pair)]].mean(axis=0) for pair in ("front", "rear")
-    )
+    front, rear = (feet[robot.feet_at(pair)].mean(axis=0) for pair in PAIRS)
     pitch = -np.arcsin(height_m / (front[0] - rear[0]))  # nose up is negative
     c, s = np.cos(pitch), np.sin(pitch)
     arm = state[POSITION_SLICE] - rear

@@ -28,7 +28,7 @@ class Rollout:
     @cached_property
     def structure(self) -> tuple[Hashable, ...]:
         """What the effects add to the model; only models of equal structure roll out in one batch."""
-        structures = (effect.structure for effect in overriding(self.effects, "structure"))
+        structures = (effect.structure for effect in overriding(self.effects, "change_spec"))
         return tuple(own for own in structures if own is not None)
 
     @cached_property

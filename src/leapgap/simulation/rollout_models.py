@@ -31,7 +31,7 @@ ROUNDING = 1.1
 """A step may be longer by this factor, so that a period of whole steps is simulated in so many."""
 UNEVEN_FINER, STEPS_OF_UNEVEN = 4, 8
 """Rows of uneven length last a whole number of steps: so many times finer ones, unless so many fit a row anyway."""
-OF_MODELS = ("structure", "change_spec", "change_drive", "change_model")
+OF_MODELS = ("change_spec", "change_drive", "change_model")
 """Members of an effect by which it changes the model."""
 
 

@@ -40,7 +40,7 @@ from leapgap.validation.generator import (
 from leapgap.validation.off_table import family
 from leapgap.validation.outcome import CLOCK, DETECTABLE_FLOORS
 from leapgap.validation.physics import USUAL, Physics, physics_of
-from leapgap.validation.uneven_rows import UnevenRows, clock_family, draw_timings
+from leapgap.validation.uneven_rows import ClockFamily, UnevenRows, draw_timings
 
 CLOCK_SEED = 2
 """Distinguishes the generator of the rows from others of the same case."""
@@ -160,7 +160,7 @@ def further_truth(case: Case) -> dict[str, Any]:
     """Entries of the truth that ordinary cases have not: the clock family with its sizes, and the physics."""
     entries: dict[str, Any] = {}
     if case.clock is not None:
-        entries["clock"] = {"family": case.clock.name, "sizes": case.clock.sizes}
+        entries["clock"] = {"family": case.clock.name, "sizes": dict(case.clock.sizes)}
     if case.physics != USUAL:
         entries["physics"] = case.physics.name
         entries["accepted"] = list(case.physics.accepted)
@@ -295,7 +295,7 @@ def further_logs(
     seed, physics = truth["seed"], setup.physics_of_case(truth.get("physics", USUAL.name))
     nuisance = Nuisance(seed=int(np.random.default_rng(seed).integers(2**31)), sizes=setup.nuisances, physics=physics)
     clock = truth.get("clock")
-    family_of_rows = clock and clock_family(clock["family"], clock["sizes"])
+    family_of_rows = clock and ClockFamily(clock["family"], clock["sizes"])
     acting = [effect_from_json(entry) for entry in truth["effects"][1 if clock else 0 :]]
     scatter = 1 + setup.period_scatter * rng.standard_normal(len(plans))
     own: list[Effects] = [(nuisance, *(scatter_effect(e, s, robot) for e in acting)) for s in scatter]

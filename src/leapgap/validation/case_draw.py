@@ -13,7 +13,7 @@ from leapgap.robot.model import Robot
 from leapgap.validation.off_table import family
 from leapgap.validation.own_numbers import OwnNumbers
 from leapgap.validation.physics import OTHERS, USUAL, Physics
-from leapgap.validation.uneven_rows import ClockFamily, clock_family
+from leapgap.validation.uneven_rows import ClockFamily
 
 KINDS = ("single", "pair", "nameless", "none", "triple")
 """One effect of the table, two of them, one off-table effect, no effect, or three effects of the table."""
@@ -64,7 +64,7 @@ class FurtherCounts:
 
 
 @dataclass(frozen=True)
-class Further:
+class FurtherKinds:
     """What is drawn for the further kinds."""
 
     counts: Mapping[str, FurtherCounts]
@@ -80,7 +80,7 @@ def draw_cases(
     sizes: Sizes,
     signed: Sequence[str],
     robot: Robot,
-    further: Further | None = None,
+    further: FurtherKinds | None = None,
     chosen: Sequence[Case] = (),
 ) -> list[Case]:
     """All cases of all halves; ``signed`` effects depart to either side of nominal.
@@ -240,7 +240,7 @@ class EffectSampler:
         if name not in sizes:
             raise InputError("withhold.clocks", f"nothing for {name}", "a range for every clock family", "add it")
         drawn = {key: least * (most / least) ** self.rng.uniform(0, 1) for key, (least, most) in sizes[name].items()}
-        return clock_family(name, {key: float(f"{value:.4g}") for key, value in drawn.items()})
+        return ClockFamily(name, {key: float(f"{value:.4g}") for key, value in drawn.items()})
 
     def sample_reduction(self, name: str, shares: Sizes) -> Effect:
         """Draw an effect, somewhere, that leaves the robot a share of what the model has of its own."""

@@ -18,7 +18,7 @@ from leapgap.validation.outcome import CaseOutcome, outcome
 from leapgap.validation.realised_reduction import realised_closure
 from leapgap.validation.seal import SEALS, open_truth
 
-REPORTED, TUNING, PUBLISHED = "reported", "tuning", "published"
+REPORTED, TUNING = "reported", "tuning"
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from leapgap.errors import InputError
-from leapgap.runtime.atomic_io import read_json
+from leapgap.runtime.atomic_io import read_json, sha256
 
 SEALS = "seals.json"
 """File beside the logs: case → seal of its truth."""
@@ -48,7 +48,7 @@ def check_files(expected: Mapping[str, str], folder: Path) -> None:
     """Refuse a file whose bytes are not those that were sealed."""
     for name, digest in expected.items():
         path = folder / name
-        found = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "no file"
+        found = sha256(path) if path.is_file() else "no file"
         if found != digest:
             raise InputError(
                 path, f"{found[:12]}…", f"the sealed file {digest[:12]}…", "withhold and diagnose the cases again"

@@ -5,10 +5,8 @@ which rows show the sample of the row before. The simulation then runs on these 
 diagnosis finds a clock.
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -107,147 +105,74 @@ def written_log(log: Log, timing: Timing) -> Log:
     return replace(log, columns=columns, info=replace(log.info, stated_segments=segments))
 
 
+def late_writer(even: Timing, rng: np.random.Generator, share: float) -> Timing:
+    """A loop that wakes when it is let: a ``share`` of the rows lasts 0, 2 or 3 periods, each drawn on its own."""
+    chance = (0.35 * share, 1 - share, 0.45 * share, 0.2 * share)
+    return replace(even, held=rng.choice(4, len(even.held), p=chance).astype(float))
+
+
+def lost_rows(even: Timing, rng: np.random.Generator, share: float) -> Timing:
+    """A ``share`` of the rows, never the first, that never reached the file, while the robot went on."""
+    written = rng.random(len(even.held)) >= share
+    written[0] = True
+    return replace(even, written=written)
+
+
+def stalls(even: Timing, rng: np.random.Generator, per_1000: float) -> Timing:
+    """A loop that hangs for 4 to 12 periods in so many of 1000 rows, while the last command is held."""
+    held = np.ones(len(even.held))
+    hangs = rng.random(len(held)) < per_1000 / 1000
+    held[hangs] = rng.uniform(4.0, 12.0, int(hangs.sum()))
+    return replace(even, held=held)
+
+
+def stale_samples(even: Timing, rng: np.random.Generator, share: float) -> Timing:
+    """Messages of the base and of each limb that come too late for a ``share`` of the rows, which repeat the last."""
+    stale = rng.random(even.stale.shape) < share
+    stale[0] = False
+    return replace(even, stale=stale)
+
+
+def drift(even: Timing, rng: np.random.Generator, size: float) -> Timing:
+    """A period that changes by up to a share ``size``: half a wave to one and a half, from any phase."""
+    waves, phase = rng.uniform(0.5, 1.5), rng.uniform(0, 2 * np.pi)
+    rows = len(even.held)
+    return replace(even, held=1 + size * np.sin(2 * np.pi * waves * np.arange(rows) / rows + phase))
+
+
+def other_period(even: Timing, rng: np.random.Generator, length: float) -> Timing:
+    """A period of ``length`` claimed ones, rounded to quarters other than 1: whole steps of the simulation."""
+    quarters = round(4 * length)
+    return replace(even, held=np.full(len(even.held), (5 if quarters == 4 else quarters) / 4))
+
+
+def late_messages(even: Timing, rng: np.random.Generator, share: float, per_1000: float) -> Timing:
+    """A loop that wakes late, hangs now and then and shows late messages, all at once."""
+    wakes, hangs = late_writer(even, rng, share).held, stalls(even, rng, per_1000).held
+    return replace(stale_samples(even, rng, share / 2), held=np.where(hangs > 1, hangs, wakes))
+
+
+FAMILIES: Mapping[str, Callable[..., Timing]] = {
+    draw.__name__: draw for draw in (late_writer, lost_rows, stalls, stale_samples, drift, other_period, late_messages)
+}
+"""Ways in which logs get rows that are not what they claim, by name: from an even timing, drawn by sizes."""
+
+
 @dataclass(frozen=True)
-class ClockFamily(ABC):
-    """One way in which logs get rows that are not what they claim; its fields are its sizes."""
+class ClockFamily:
+    """One of these ways with its sizes; an unknown name is an ``InputError``."""
 
-    name: ClassVar[str]
+    name: str
+    sizes: Mapping[str, float]
 
-    @abstractmethod
+    def __post_init__(self) -> None:
+        if self.name not in FAMILIES:
+            expected = f"one of {', '.join(FAMILIES)}"
+            raise InputError("withhold", f"clock family {self.name}", expected, "correct the name")
+
     def draw(self, rows: int, limbs: int, rng: np.random.Generator) -> Timing:
         """The timing of one log of so many planned rows."""
-
-    @property
-    def sizes(self) -> dict[str, float]:
-        """Its fields as a mapping, for the truth of a case."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
-
-@dataclass(frozen=True)
-class LateWriter(ClockFamily):
-    """A loop that wakes when it is let: rows last 0 to 3 periods."""
-
-    name = "late_writer"
-
-    share: float
-    """Share of the rows that do not last one period."""
-
-    def draw(self, rows: int, limbs: int, rng: np.random.Generator) -> Timing:
-        """Draw the length of every row on its own."""
-        chance = (0.35 * self.share, 1 - self.share, 0.45 * self.share, 0.2 * self.share)
-        return replace(Timing.even(rows, limbs), held=rng.choice(4, rows, p=chance).astype(float))
-
-
-@dataclass(frozen=True)
-class LostRows(ClockFamily):
-    """Rows that never reached the file, while the robot went on: a row lasts one or several periods."""
-
-    name = "lost_rows"
-
-    share: float
-    """Share of the rows that are lost."""
-
-    def draw(self, rows: int, limbs: int, rng: np.random.Generator) -> Timing:
-        """Lose every row but the first with the same chance."""
-        written = rng.random(rows) >= self.share
-        written[0] = True
-        return replace(Timing.even(rows, limbs), written=written)
-
-
-@dataclass(frozen=True)
-class Stalls(ClockFamily):
-    """A loop that hangs now and then for 4 to 12 periods, while the last command is held."""
-
-    name = "stalls"
-
-    per_1000: float
-    """Mean number of stalls in 1000 rows."""
-
-    def draw(self, rows: int, limbs: int, rng: np.random.Generator) -> Timing:
-        """Draw the instants of the stalls and their lengths."""
-        held = np.ones(rows)
-        hangs = rng.random(rows) < self.per_1000 / 1000
-        held[hangs] = rng.uniform(4.0, 12.0, int(hangs.sum()))
-        return replace(Timing.even(rows, limbs), held=held)
-
-
-@dataclass(frozen=True)
-class StaleSamples(ClockFamily):
-    """Messages that come too late for their row, which then shows the sample of the row before; rows are even."""
-
-    name = "stale_samples"
-
-    share: float
-    """Share of the rows, of the base and of each limb on its own."""
-
-    def draw(self, rows: int, limbs: int, rng: np.random.Generator) -> Timing:
-        """Draw for the base and each limb which rows lack a new sample; the first row has one."""
-        stale = rng.random((rows, 1 + limbs)) < self.share
-        stale[0] = False
-        return replace(Timing.even(rows, limbs), stale=stale)
-
-
-@dataclass(frozen=True)
-class Drift(ClockFamily):
-    """A period that changes slowly within a log: half a wave to one and a half, from any phase."""
-
-    name = "drift"
-
-    size: float
-    """Largest change of the period, as a share of it."""
-
-    def draw(self, rows: int, limbs: int, rng: np.random.Generator) -> Timing:
-        """Draw the number of waves and the phase."""
-        waves, phase = rng.uniform(0.5, 1.5), rng.uniform(0, 2 * np.pi)
-        wave = np.sin(2 * np.pi * waves * np.arange(rows) / rows + phase)
-        return replace(Timing.even(rows, limbs), held=1 + self.size * wave)
-
-
-@dataclass(frozen=True)
-class OtherPeriod(ClockFamily):
-    """A period that is a whole number of steps of the simulation, but not of as many as the log claims."""
-
-    name = "other_period"
-
-    length: float
-    """True over claimed period; rounded to quarters, other than 1."""
-
-    def draw(self, rows: int, limbs: int, rng: np.random.Generator) -> Timing:
-        """Every row lasts the same."""
-        quarters = round(4 * self.length)
-        return replace(Timing.even(rows, limbs), held=np.full(rows, (5 if quarters == 4 else quarters) / 4))
-
-
-@dataclass(frozen=True)
-class LateMessages(ClockFamily):
-    """A loop that wakes late, hangs now and then and shows late messages, all at once."""
-
-    name = "late_messages"
-
-    share: float
-    """Share of the rows that do not last one period, and of the messages that come too late for their row."""
-    per_1000: float
-    """Mean number of stalls in 1000 rows."""
-
-    def draw(self, rows: int, limbs: int, rng: np.random.Generator) -> Timing:
-        """Draw each as in the families of their own."""
-        wakes = LateWriter(self.share).draw(rows, limbs, rng).held
-        hangs = Stalls(self.per_1000).draw(rows, limbs, rng).held
-        stale = StaleSamples(self.share / 2).draw(rows, limbs, rng).stale
-        return Timing(np.where(hangs > 1, hangs, wakes), np.ones(rows, dtype=bool), stale)
-
-
-FAMILIES: Mapping[str, type[ClockFamily]] = {
-    kind.name: kind for kind in (LateWriter, LostRows, Stalls, StaleSamples, Drift, OtherPeriod, LateMessages)
-}
-"""All families by name."""
-
-
-def clock_family(name: str, sizes: Mapping[str, Any]) -> ClockFamily:
-    """The family of this name with these sizes; an unknown name is an ``InputError``."""
-    if name not in FAMILIES:
-        raise InputError("withhold", f"clock family {name}", f"one of {', '.join(FAMILIES)}", "correct the name")
-    return FAMILIES[name](**sizes)
+        return FAMILIES[self.name](Timing.even(rows, limbs), rng, **self.sizes)
 
 
 def draw_timings(

@@ -10,8 +10,9 @@ import pyarrow as pa
 import pyarrow.csv
 
 from leapgap.errors import InputError
+from leapgap.logs.files import decoding
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
-from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size, stacked
 from leapgap.logs.unpacking import Bounded
 
 CHUNK_BYTES = 1 << 20
@@ -38,6 +39,7 @@ class Csv(TableFormat):
 
     name = "csv"
     suffixes = (".csv", *(f".csv.{end}" for end in PACKED))
+    holds = "CSV"
     Options = CsvOptions
 
     def read_table(self, path: Path, options: CsvOptions, wanted: Wanted) -> Arrays:
@@ -52,12 +54,9 @@ def text_columns(path: Path, options: CsvOptions, wanted: Wanted) -> dict[str, n
     read = pa.csv.ReadOptions(skip_rows=options.skip_rows, autogenerate_column_names=not options.header)
     if options.header and options.delimiter == " " and (marked := names_behind_mark(path, options.skip_rows)):
         read = pa.csv.ReadOptions(skip_rows=options.skip_rows + 1, column_names=marked)
-    try:
-        parse = pa.csv.ParseOptions(delimiter=options.delimiter)
-        with opened(path) as file:
-            table = pa.csv.read_csv(file, read, parse, pa.csv.ConvertOptions(decimal_point=options.decimal_point))
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(path, f"no whole CSV ({error})", "a header and rows of numbers", "export it again") from None
+    parse = pa.csv.ParseOptions(delimiter=options.delimiter)
+    with decoding(path, "CSV", "export it again"), opened(path) as file:
+        table = pa.csv.read_csv(file, read, parse, pa.csv.ConvertOptions(decimal_point=options.decimal_point))
     names = [name.strip() for name in table.column_names]
     if not options.header:
         names = [str(at) for at in range(table.num_columns)]
@@ -73,7 +72,7 @@ def names_behind_mark(path: Path, row: int) -> list[str]:
     """Names of columns in a line that begins with a mark of comments, as NumPy writes it; none in any other line."""
     with opened(path) as file:
         lines = file.read(CHUNK_BYTES).decode(errors="replace").split("\n")
-    mark, *names = lines[row].split() if row < len(lines) else [""]
+    mark, *names = (lines[row].split() if row < len(lines) else []) or [""]
     return names if mark in ("#", "%") else []
 
 
@@ -85,11 +84,7 @@ def with_lists(values: np.ndarray, where: str) -> np.ndarray:
         rows = [np.array(cell.strip()[1:-1].replace(",", " ").split(), dtype=np.float64) for cell in values]
     except ValueError:
         return values
-    lengths = [len(row) for row in rows]
-    if len(set(lengths)) > 1:
-        row = next(at for at, length in enumerate(lengths) if length != lengths[0])
-        raise InputError(f"{where}, row {row}", f"{lengths[row]} items", f"{lengths[0]}, as in row 0", "repair it")
-    return np.stack(rows)
+    return stacked(rows, where)
 
 
 def is_list(cell: object) -> bool:

@@ -25,6 +25,7 @@ class Hdf5(TableFormat):
 
     name = "hdf5"
     suffixes = (".h5", ".hdf5", ".hdf")
+    holds = "HDF5"
 
     def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
         """The wanted datasets of numbers; links to other files are not followed."""
@@ -50,12 +51,9 @@ def hdf5_arrays(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
         check_chunks(item, f"{path}, {name}")
         arrays.update(fields(name, item[()]))
 
-    try:
-        with h5py.File(path, "r") as file:
-            for name, item in datasets(file, path):
-                take(name, item)
-    except (OSError, RuntimeError, KeyError, ValueError) as error:
-        raise InputError(path, f"no whole HDF5 file ({error})", "datasets of numbers", "save it again") from None
+    with h5py.File(path, "r") as file:
+        for name, item in datasets(file, path):
+            take(name, item)
     return arrays
 
 

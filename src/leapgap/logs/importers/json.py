@@ -9,18 +9,21 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.logs.importers.table_format import TableFormat
-from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size, flat
 
 BYTES_A_VALUE = 2
 """A digit and a comma: no file holds more values than its size over this."""
-DEEPEST, MOST_COLUMNS = 16, 10_000
 
 
 class Json(TableFormat):
-    """Lists of records with the same keys, or objects of columns; keys of objects in them are joined by dots."""
+    """Lists of records with the same keys, or objects of columns; keys of objects in them are joined by dots.
+
+    Objects in a list in a record are there by their numbers: ``motors.0.q``.
+    """
 
     name = "json"
     suffixes = (".json", ".jsonl")
+    holds = "JSON"
 
     def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
         """The wanted columns; a list in a record is a row of an array.
@@ -50,13 +53,10 @@ def has_names(values: list[Any]) -> bool:
 
 def records(path: Path) -> Any:
     """What the file holds: a list of records, or an object of columns."""
-    try:
-        text = path.read_text(encoding="utf-8")
-        if path.suffix == ".jsonl":
-            return [json.loads(line) for line in text.splitlines() if line.strip()]
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, f"no whole JSON ({error})", "records, or columns", "export it again") from None
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".jsonl":
+        return [json.loads(line) for line in text.splitlines() if line.strip()]
+    return json.loads(text)
 
 
 def columns_of(held: Any, path: Path) -> dict[str, list[Any]]:
@@ -66,13 +66,13 @@ def columns_of(held: Any, path: Path) -> dict[str, list[Any]]:
         if len(lists) == 1:
             held = lists[0]
     if isinstance(held, Mapping):
-        return {name: one for name, one in flat(held, path).items() if isinstance(one, list)}
+        return {name: one for name, one in flat(held, objects, path).items() if isinstance(one, list)}
     if not isinstance(held, list) or not held or not isinstance(held[0], Mapping):
         raise InputError(path, "neither records nor columns", "a list of objects, or an object of lists", "export it")
-    names = list(flat(held[0], path))
+    names = list(flat(held[0], inside, path))
     columns: dict[str, list[Any]] = {name: [] for name in names}
     for row, record in enumerate(held):
-        values = flat(record, path) if isinstance(record, Mapping) else {}
+        values = flat(record, inside, path) if isinstance(record, Mapping) else {}
         lacking = next((name for name in names if name not in values), None)
         if lacking is not None:
             raise InputError(f"{path}, record {row}", f"no {lacking}", "the keys of record 0", "export it again")
@@ -81,17 +81,15 @@ def columns_of(held: Any, path: Path) -> dict[str, list[Any]]:
     return columns
 
 
-def flat(record: Mapping[str, Any], path: Path, head: str = "", depth: int = 0) -> dict[str, Any]:
-    """The values of an object by their names, those of objects in it as ``outer.inner``."""
-    found: dict[str, Any] = {}
-    for key, value in record.items():
-        if isinstance(value, Mapping) and depth < DEEPEST:
-            found |= flat(value, path, f"{head}{key}.", depth + 1)
-        else:
-            found[f"{head}{key}"] = value
-    if len(found) > MOST_COLUMNS:
-        raise InputError(path, f"more than {MOST_COLUMNS} keys", "the columns of a log", "export it again")
-    return found
+def objects(value: Any) -> Mapping[Any, Any] | None:
+    """What ``flat`` goes into: an object."""
+    return value if isinstance(value, Mapping) else None
+
+
+def inside(value: Any) -> Mapping[Any, Any] | None:
+    """The same in a record, and a list of objects there by their numbers: ``motors.0.q``."""
+    is_list = isinstance(value, list) and len(value) > 0 and all(isinstance(one, Mapping) for one in value)
+    return dict(enumerate(value)) if is_list else objects(value)
 
 
 def as_array(values: list[Any], where: str) -> np.ndarray:

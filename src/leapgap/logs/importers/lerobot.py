@@ -4,7 +4,6 @@ A dataset does not say whether its positions are degrees or a share of each join
 grippers 0 to 100, which most followers record. With the robot's calibration they become degrees here.
 """
 
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from leapgap.errors import InputError
 from leapgap.logs.importers.parquet import parquet_arrays
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
 from leapgap.logs.importers.tables import Arrays, Table, Wanted, check_size
+from leapgap.runtime.atomic_io import read_json
 
 INFO, EPISODE = "meta/info.json", "episode_index"
 VERSIONS = ("v2", "v3")
@@ -26,7 +26,6 @@ TICKS = 4095
 """What LeRobot divides a turn into where it turns ticks of a motor into degrees."""
 NORMALISED = re.compile(r"so_?10[01]|koch|lekiwi|omx|hope_?jr")
 """Types of robots that LeRobot records as shares of their range unless told otherwise."""
-LONGEST_FILE = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -45,13 +44,13 @@ class LeRobot(TableFormat):
 
     name = "lerobot"
     suffixes = (".parquet",)
+    holds = "LeRobot dataset"
     Options = LeRobotOptions
     columns: ClassVar[Mapping[str, str]] = {"time": "timestamp"}
 
     def find(self, source: Path) -> dict[str, Path]:
         """The dataset that a folder is, or the datasets in it."""
-        folders = [source, *sorted(one for one in source.glob("*") if one.is_dir())]
-        return {folder.name: folder for folder in folders if (folder / INFO).is_file()}
+        return self.folders(source, INFO)
 
     def first_log(self, table: Table) -> Table:
         """The first episode: the time begins anew with each."""
@@ -76,8 +75,9 @@ class LeRobot(TableFormat):
             check_size(path, taken)
         arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         for name in [name for name in arrays if name in features]:
-            named = {f"{name}.{part}": arrays[name][:, i] for i, part in enumerate(features[name])}
-            arrays |= {key: values for key, values in named.items() if wanted(key)}
+            parts_of = arrays[name].reshape(len(arrays[name]), -1).T  # a vector of one is stored as numbers
+            named = zip(features[name], parts_of, strict=False)
+            arrays |= {f"{name}.{part}": values for part, values in named if wanted(f"{name}.{part}")}
         if options is not None and options.calibration is not None:
             ranges = calibration_of(Path(options.calibration))
             arrays |= {name: in_degrees(name, values, ranges) for name, values in arrays.items() if is_position(name)}
@@ -104,36 +104,23 @@ def features_of(path: Path) -> dict[str, list[str]]:
 
 def info_of(path: Path) -> Mapping[str, Any]:
     """``meta/info.json`` of a dataset; ``InputError`` for other versions."""
-    try:
-        info = read_object(path / INFO)
-        version = str(info["codebase_version"])
-    except (OSError, ValueError, KeyError, RecursionError) as error:
-        raise InputError(path / INFO, f"no readable info ({error!r})", "that of a dataset", "copy it whole") from None
+    info = read_json(path / INFO)
+    version = str(info.get("codebase_version"))
     if not version.startswith(VERSIONS):
         do = "convert it with LeRobot's own converter"
         raise InputError(path / INFO, f"version {version}", "version 2 or 3 of the format", do)
     return info
 
 
-def read_object(path: Path) -> Mapping[str, Any]:
-    """A small JSON object; ``ValueError`` for anything else."""
-    if path.stat().st_size > LONGEST_FILE:
-        raise ValueError(f"more than {LONGEST_FILE} bytes")
-    found = json.loads(path.read_text(encoding="utf-8"))
-    if not isinstance(found, Mapping):
-        raise ValueError("no object")
-    return found
-
-
 def calibration_of(path: Path) -> Mapping[str, tuple[float, bool]]:
     """Joint → its range, degrees, and whether the drive counts backwards, from LeRobot's calibration file."""
+    stated = read_json(path)
     try:
-        stated = read_object(path)
         return {
             str(joint): ((one["range_max"] - one["range_min"]) * 360 / TICKS, bool(one.get("drive_mode")))
             for joint, one in stated.items()
         }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (KeyError, TypeError, AttributeError) as error:
         expected = "LeRobot's calibration: range_min and range_max of each joint"
         raise InputError(path, f"no readable calibration ({error!r})", expected, "name that file") from None
 

@@ -1,7 +1,7 @@
 """Importer of MATLAB files; fields of structures are joined by dots, such as ``log.q``."""
 
 import struct
-import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +10,10 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.logs.importers.hdf5 import hdf5_arrays
 from leapgap.logs.importers.table_format import TableFormat
-from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size, flat
 from leapgap.logs.unpacking import MOST_UNPACKED, inflated_size
 
 HEADER_BYTES, COMPRESSED = 128, 15
-DEEPEST = 8
-"""Structures in structures are read down to here."""
 
 
 class Mat(TableFormat):
@@ -23,6 +21,7 @@ class Mat(TableFormat):
 
     name = "mat"
     suffixes = (".mat",)
+    holds = "MATLAB file"
 
     def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
         """The arrays of numbers in a MATLAB file."""
@@ -33,18 +32,19 @@ class Mat(TableFormat):
             return {dotted(name): array.T for name, array in by_path.items()}
         from scipy.io import loadmat
 
-        try:
-            if version.startswith(b"MATLAB"):
-                check_elements(path)
-            else:
-                check_size(path, path.stat().st_size / 8)
-            variables = loadmat(path, squeeze_me=True, struct_as_record=False)
-        except (ValueError, TypeError, OSError, EOFError, IndexError, KeyError, zlib.error, struct.error) as error:
-            raise InputError(path, f"no whole MATLAB file ({error})", "arrays of numbers", "save it again") from None
-        arrays: dict[str, np.ndarray] = {}
-        for name, value in variables.items():
-            collect(name, value, arrays, DEEPEST)
-        return {name: array for name, array in arrays.items() if wanted(name)}
+        if version.startswith(b"MATLAB"):
+            check_elements(path)
+        else:
+            check_size(path, path.stat().st_size / 8)
+        variables = loadmat(path, squeeze_me=True, struct_as_record=False)
+        found = flat(variables, inside, path)
+        numbers = {name: np.asarray(one) for name, one in found.items() if isinstance(one, np.ndarray | int | float)}
+        return {name: array for name, array in numbers.items() if array.dtype.kind in "biuf" and wanted(name)}
+
+
+def inside(value: Any) -> Mapping[str, Any] | None:
+    """What ``flat`` goes into: the variables, and structures."""
+    return vars(value) if hasattr(value, "_fieldnames") else value if isinstance(value, dict) else None
 
 
 def dotted(name: str) -> str:
@@ -66,12 +66,3 @@ def check_elements(path: Path) -> None:
             total += inflated_size(file, length, path, max(0, MOST_UNPACKED - total)) if kind == COMPRESSED else length
             check_size(path, total / 8)
             file.seek(after)
-
-
-def collect(name: str, value: Any, arrays: dict[str, np.ndarray], depth: int) -> None:
-    """Add an array, or the fields of a structure, under its name."""
-    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-        arrays[name] = value
-    elif depth and hasattr(value, "_fieldnames"):
-        for field in value._fieldnames:
-            collect(f"{name}.{field}", getattr(value, field), arrays, depth - 1)

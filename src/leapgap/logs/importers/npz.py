@@ -21,29 +21,22 @@ class Npz(TableFormat):
 
     name = "npz"
     suffixes = (".npz", ".npy")
+    holds = "NumPy archive"
 
     def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
         """The arrays of an archive; the fields of a structured array are arrays of their own."""
-        try:
-            if path.suffix == ".npy":
-                with path.open("rb") as file:
-                    return fields("array", array_of(file, path, 0))
-            return archive(path, wanted)
-        except (zipfile.BadZipFile, OSError, EOFError, ValueError) as error:
-            raise InputError(path, f"no whole NumPy archive ({error})", "arrays of numbers", "save it again") from None
-
-
-def archive(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
-    """The wanted arrays of a zip of ``.npy`` files."""
-    arrays: dict[str, np.ndarray] = {}
-    with zipfile.ZipFile(path) as folder:
-        for member in folder.namelist():
-            name = member.removesuffix(".npy")
-            if name != member and wanted(name):
-                with folder.open(member) as file:
-                    taken = sum(array.size for array in arrays.values())
-                    arrays |= fields(name, array_of(cast(BinaryIO, file), f"{path}, {name}", taken))
-    return arrays
+        if path.suffix == ".npy":
+            with path.open("rb") as file:
+                return fields("array", array_of(file, path, 0))
+        arrays: dict[str, np.ndarray] = {}
+        with zipfile.ZipFile(path) as folder:
+            for member in folder.namelist():
+                name = member.removesuffix(".npy")
+                if name != member and wanted(name):
+                    with folder.open(member) as packed:
+                        taken = sum(array.size for array in arrays.values())
+                        arrays |= fields(name, array_of(cast(BinaryIO, packed), f"{path}, {name}", taken))
+        return arrays
 
 
 def array_of(file: BinaryIO, where: object, taken: int) -> np.ndarray:

@@ -10,6 +10,7 @@ import pyarrow.compute
 import pyarrow.parquet as pq
 
 from leapgap.errors import InputError
+from leapgap.logs.files import decoding
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size
 from leapgap.logs.log import METADATA_KEY
@@ -21,6 +22,7 @@ class Parquet(TableFormat):
 
     name = "parquet"
     suffixes = (".parquet",)
+    holds = "Parquet"
 
     def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
         """The wanted columns of a Parquet file."""
@@ -36,14 +38,11 @@ class Parquet(TableFormat):
 
 def parquet_arrays(path: Path, wanted: Wanted, most_rows: int | None = None) -> dict[str, np.ndarray]:
     """Columns of a Parquet file as arrays: (rows,), or (rows, n) where each cell is a list of n."""
-    try:
-        with pq.ParquetFile(path) as file:
-            tops = [column.name for column in file.schema_arrow if is_wanted(column.name, column.type, wanted)]
-            check_size(path, sum(stored_values(file, top) for top in tops), file.metadata.num_rows, most_rows)
-            check_pages(path, file, set(tops))
-            table = file.read(columns=tops)
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(path, f"no readable Parquet ({error})", "a whole file", "export it again") from None
+    with decoding(path, "Parquet", "export it again"), pq.ParquetFile(path) as file:
+        tops = [column.name for column in file.schema_arrow if is_wanted(column.name, column.type, wanted)]
+        check_size(path, sum(stored_values(file, top) for top in tops), file.metadata.num_rows, most_rows)
+        check_pages(path, file, set(tops))
+        table = file.read(columns=tops)
     columns = dict(zip(table.column_names, table.columns, strict=True))
     arrays: dict[str, np.ndarray] = {}
     while columns:

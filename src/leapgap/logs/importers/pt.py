@@ -8,7 +8,7 @@ refused.
 import io
 import pickle
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.logs.files import MOST_BYTES
 from leapgap.logs.importers.table_format import TableFormat
-from leapgap.logs.importers.tables import Arrays, Wanted, check_size, product
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size, flat, product
 from leapgap.logs.unpacking import member
 
 DTYPES = {
@@ -34,7 +34,6 @@ DTYPES = {
 }
 LARGEST_PICKLE = 10_000_000
 """Bytes of ``data.pkl``; that of a thousand tensors has a hundredth of it."""
-DEEPEST, MOST_ARRAYS = 8, 10_000
 
 
 class Pt(TableFormat):
@@ -42,23 +41,19 @@ class Pt(TableFormat):
 
     name = "pt"
     suffixes = (".pt", ".pth")
+    holds = "zip of tensors in mappings and lists, as torch.save writes it since version 1.6"
 
     def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
         """The tensors of a file by name; in mappings of mappings the names are joined by dots."""
-        try:
-            with zipfile.ZipFile(path) as folder:
-                saved = Archive(path, folder).read()
-                arrays: dict[str, np.ndarray] = {}
-                collect("", saved, arrays, path, DEEPEST)
-        except zipfile.BadZipFile:
-            expected = "a zip, as torch.save writes it since version 1.6"
-            raise InputError(path, "no whole zip", expected, "save it again") from None
-        except (pickle.UnpicklingError, EOFError, KeyError, ValueError, TypeError, AttributeError, IndexError) as error:
-            expected = "tensors in mappings and lists"
-            raise InputError(
-                path, f"a pickle of something else ({error})", expected, "save the tensors alone"
-            ) from None
-        return {name: array for name, array in arrays.items() if wanted(name)}
+        with zipfile.ZipFile(path) as folder:
+            saved = Archive(path, folder).load()
+        found = {"array": saved} if isinstance(saved, np.ndarray) else flat(saved, inside, path)
+        return {name: array for name, array in found.items() if isinstance(array, np.ndarray) and wanted(name)}
+
+
+def inside(value: Any) -> Mapping[Any, Any] | None:
+    """What ``flat`` goes into: a mapping, or a list by its numbers."""
+    return dict(enumerate(value)) if isinstance(value, list | tuple) else value if isinstance(value, dict) else None
 
 
 class Fixed:
@@ -91,7 +86,7 @@ class Call(Fixed):
 
 
 class Archive(pickle.Unpickler):
-    """Reads ``data.pkl``, and the bytes of tensors where it refers to them."""
+    """Reads ``data.pkl``, with arrays in place of tensors, and their bytes where it refers to them."""
 
     def __init__(self, path: Path, folder: zipfile.ZipFile) -> None:
         self.path, self.folder = path, folder
@@ -103,10 +98,6 @@ class Archive(pickle.Unpickler):
         self.order = ">" if order in folder.namelist() and member(folder, order, path, 100).strip() == b"big" else "<"
         self.taken = 0
         super().__init__(io.BytesIO(member(folder, files[0], path, LARGEST_PICKLE)))
-
-    def read(self) -> Any:
-        """The object that ``torch.save`` was given, with arrays in place of tensors."""
-        return self.load()
 
     def find_class(self, module: str, name: str) -> Any:
         """The few names that a pickle of tensors holds; any other is refused and nothing of it is imported."""
@@ -148,16 +139,3 @@ class Archive(pickle.Unpickler):
         """Add to what is in memory, before it is."""
         self.taken += values
         check_size(self.path, self.taken)
-
-
-def collect(name: str, value: Any, arrays: dict[str, np.ndarray], path: Path, depth: int) -> None:
-    """Add an array, or those of a mapping or list, under its name."""
-    if len(arrays) > MOST_ARRAYS or depth < 0:
-        raise InputError(path, "too many tensors, or too deep", f"{MOST_ARRAYS} in {DEEPEST} levels", "save fewer")
-    if isinstance(value, np.ndarray):
-        arrays[name or "array"] = value
-    elif isinstance(value, dict | list | tuple):
-        items = value.items() if isinstance(value, dict) else enumerate(value)
-        for key, one in items:
-            if isinstance(one, np.ndarray | dict | list | tuple):
-                collect(f"{name}.{key}" if name else str(key), one, arrays, path, depth - 1)

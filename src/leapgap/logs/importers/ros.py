@@ -68,6 +68,8 @@ class Ros(TableFormat):
 
     name = "ros"
     suffixes = (".bag", ".mcap", ".db3")
+    holds = "recording"
+    repair = "copy it whole; name message_files if it does not hold its message types"
     Options = RosOptions
     columns: ClassVar[Mapping[str, str]] = {TIME: TIME}
 
@@ -99,28 +101,22 @@ def read_topics(path: Path, options: RosOptions, wanted: Wanted) -> dict[str, To
     times: dict[str, list[int]] = defaultdict(list)
     rows: dict[str, list[list[Any]]] = defaultdict(list)
     getters: dict[str, dict[str, Getter]] = {}
-    try:
-        check_recording(path)
-        with bounded_unpacking(path), AnyReader([path], default_typestore=types_of(options)) as reader:
-            counts = {name: info.msgcount for name, info in reader.topics.items()}
-            mapped = [one for one in reader.connections if may_be_mapped(one.topic, options)]
-            for connection, received, raw in reader.messages(mapped) if mapped else ():
-                topic = connection.topic
-                if not getters.get(topic, True):
-                    continue  # nothing of it is wanted
-                message = reader.deserialize(raw, connection.msgtype)
-                if topic not in getters:
-                    getters[topic] = {name: at for name, at in leaves(message, topic) if wanted(name)}
-                    check_size(path, sum(counts[one] * len(found) for one, found in getters.items()))
-                    if not getters[topic]:
-                        continue
-                times[topic].append(stamp(message, topic, path) if options.stamps == STAMPED else received)
-                rows[topic].append(values_of(message, getters[topic], f"{path}, {topic}, message {len(rows[topic])}"))
-    except InputError:
-        raise
-    except Exception as error:  # a damaged file shows as errors of any kind: of SQLite, of the decoder, of lists
-        do = "copy it whole; name message_files if it does not hold its message types"
-        raise InputError(path, f"no readable recording ({error})", "a ROS bag or MCAP", do) from None
+    check_recording(path)
+    with bounded_unpacking(path), AnyReader([path], default_typestore=types_of(options)) as reader:
+        counts = {name: info.msgcount for name, info in reader.topics.items()}
+        mapped = [one for one in reader.connections if may_be_mapped(one.topic, options)]
+        for connection, received, raw in reader.messages(mapped) if mapped else ():
+            topic = connection.topic
+            if not getters.get(topic, True):
+                continue  # nothing of it is wanted
+            message = reader.deserialize(raw, connection.msgtype)
+            if topic not in getters:
+                getters[topic] = {name: at for name, at in leaves(message, topic) if wanted(name)}
+                check_size(path, sum(counts[one] * len(found) for one, found in getters.items()))
+                if not getters[topic]:
+                    continue
+            times[topic].append(stamp(message, topic, path) if options.stamps == STAMPED else received)
+            rows[topic].append(values_of(message, getters[topic], f"{path}, {topic}, message {len(rows[topic])}"))
     first = min((min(stamps) for stamps in times.values()), default=0)
     return {topic: in_order(times[topic], first, rows[topic], list(getters[topic])) for topic in times}
 
@@ -238,7 +234,7 @@ def leaves(message: Any, topic: str) -> Iterator[tuple[str, Getter]]:
                 yield from below(item, f"{name}[{i}]", (*at, i), names)
         elif hasattr(value, "__msgtype__"):
             fields = [one for one in vars(value) if not one.startswith("_")]
-            names = next((list(getattr(value, one)) for one in fields if one in NAME_FIELDS), names)
+            names = names_in(value, names)
             for one in fields:
                 inner = getattr(value, one)
                 path = f"{name}.{one}" if at else f"{name}/{one}"
@@ -268,13 +264,19 @@ def values_of(message: Any, getters: dict[str, Getter], where: str) -> list[floa
     return found
 
 
+def names_in(message: Any, otherwise: Sequence[str]) -> Sequence[str]:
+    """The names of joints that a message lists, if it does: one text is no list of them."""
+    lists = (getattr(message, one, None) for one in NAME_FIELDS)
+    return next((list(one) for one in lists if isinstance(one, list | tuple | np.ndarray)), otherwise)
+
+
 def index_of(message: Any, parent: Getter, joint: str) -> int:
     """Where a joint stands in this message, by the names beside its values, or beside what they are part of."""
     names: Sequence[str] = ()
     for step in (None, *parent):
         if step is not None:
             message = message[step] if isinstance(step, int) else getattr(message, step)
-        names = next((getattr(message, one) for one in NAME_FIELDS if hasattr(message, one)), names)
+        names = names_in(message, names)
     return list(names).index(joint)
 
 

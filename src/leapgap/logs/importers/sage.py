@@ -33,6 +33,7 @@ class Sage(TableFormat):
 
     name = "sage"
     suffixes = ()
+    holds = "SAGE run"
     Options = SageOptions
     columns: ClassVar[Mapping[str, str]] = {
         "time": TIME,
@@ -45,8 +46,7 @@ class Sage(TableFormat):
 
     def find(self, source: Path) -> dict[str, Path]:
         """The run that a folder is, or the runs in it."""
-        folders = [source, *sorted(one for one in source.glob("*") if one.is_dir())]
-        return {one.name: one for one in folders if (one / CONTROL).is_file() and (one / STATE).is_file()}
+        return self.folders(source, CONTROL, STATE)
 
     def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
         """Measurements in their own rows; a command is the last one that was sent then, and stays."""

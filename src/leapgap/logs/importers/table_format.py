@@ -13,6 +13,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.logs.clock import check_period, increasing_rows, mean_period
 from leapgap.logs.derivatives import add_velocities
+from leapgap.logs.files import decoding
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.importers.column_map import ColumnMap, Expansion, column_order, is_ours, mapped, tied
 from leapgap.logs.importers.tables import Arrays, Table, Wanted, check_size
@@ -80,6 +81,10 @@ class TableFormat(LogFormat):
 
     suffixes: ClassVar[tuple[str, ...]]
     """Endings of its files."""
+    holds: ClassVar[str] = "table"
+    """What one file is, as in ``no readable HDF5``."""
+    repair: ClassVar[str] = "export it again"
+    """What to do where it cannot be read."""
     Options: ClassVar[type] = TableOptions
     columns: ClassVar[Mapping[str, str]] = {}
     units: ClassVar[Mapping[str, str]] = {}
@@ -98,6 +103,12 @@ class TableFormat(LogFormat):
             if found.setdefault(name, path) != path:
                 raise InputError(path, f"{found[name].name} beside it", "one file of a name", "rename one")
         return found
+
+    @staticmethod
+    def folders(source: Path, *inner: str) -> dict[str, Path]:
+        """A folder, and those in it, that have certain files inside, by name."""
+        every = [source, *sorted(one for one in source.glob("*") if one.is_dir())]
+        return {one.name: one for one in every if all((one / name).is_file() for name in inner)}
 
     def read(self, path: Path, name: str, robot: Robot, options: Any) -> Log:
         """The only log of a file."""
@@ -152,7 +163,8 @@ class TableFormat(LogFormat):
         """The table of one file, its size checked."""
         if not path.exists():
             raise InputError(path, "no such file", f"a file of format {self.name}", "name the file")
-        table = Table(path, self.read_table(path, options, wanted))
+        with decoding(path, self.holds, self.repair):
+            table = Table(path, self.read_table(path, options, wanted))
         check_size(path, sum(array.size for array in table.arrays.values()), table.rows, options.most_rows)
         return table
 

@@ -3,7 +3,7 @@
 import math
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +15,8 @@ from leapgap.errors import InputError
 from leapgap.logs.files import MOST_BYTES, check_values_fit
 
 MOST_DIMENSIONS = 2
+DEEPEST, MOST_COLUMNS = 16, 10_000
+"""Mappings in mappings, and columns of one file, that are looked at."""
 INDEXED = re.compile(r"^(?P<array>.+)\[(?P<index>\d+(?:,\d+)*)\]$")
 """``dof_pos[3]``: the fourth column of an array."""
 
@@ -96,8 +98,10 @@ class Table:
     def instants(self, column: str, rows: int | None = None) -> np.ndarray:
         """The same of time stamps, from the first; whole numbers are subtracted whole, for 10¹⁸ ns need all digits."""
         values = self.values(column, rows)
-        if values.dtype.kind in "iuM" and len(values):
-            values = values - values[0] if values.dtype.kind != "u" else values.astype(np.int64) - int(values[0])
+        if values.dtype.kind in "iu":
+            values = values.astype(np.int64)
+        if values.dtype.kind in "iM" and len(values):
+            values = values - values[0]
         return as_numbers(values, f"{self.path}, column {column}")
 
 
@@ -114,7 +118,8 @@ def oriented(array: np.ndarray, rows: int) -> np.ndarray:
 def as_numbers(values: np.ndarray, where: str) -> np.ndarray:
     """Values as float64; dates become seconds, texts that are numbers become those."""
     if values.dtype.kind in "Mm":
-        return values.astype("M8[ns]" if values.dtype.kind == "M" else "m8[ns]").astype(np.int64) * 1e-9
+        whole = values.astype(f"{values.dtype.kind}8[ns]")
+        return np.where(np.isnat(whole), np.nan, whole.astype(np.int64) * 1e-9)
     if values.dtype.kind in "biuf":
         return values.astype(np.float64)
     numbers = np.empty(len(values))
@@ -129,6 +134,31 @@ def as_numbers(values: np.ndarray, where: str) -> np.ndarray:
 def product(shape: Iterable[Any]) -> int:
     """Number of values of an array of that shape."""
     return math.prod(int(one) for one in shape)
+
+
+def flat(held: Any, inside: Callable[[Any], Mapping[Any, Any] | None], path: object) -> dict[str, Any]:
+    """What nested mappings hold, by names joined by dots: ``outer.inner``; ``inside`` says which values are such."""
+    found: dict[str, Any] = {}
+    left = [("", held, 0)]
+    while left:
+        name, value, depth = left.pop()
+        below = inside(value) if not name or depth < DEEPEST else None
+        if below is None:
+            found[name] = value
+        else:
+            left += [(f"{name}.{key}" if name else str(key), one, depth + 1) for key, one in reversed([*below.items()])]
+        if len(found) + len(left) > MOST_COLUMNS:
+            raise InputError(path, f"more than {MOST_COLUMNS} values by name", "the columns of a log", "save fewer")
+    return found
+
+
+def stacked(rows: Sequence[np.ndarray], where: str) -> np.ndarray:
+    """Lists of one length, a row each, as (rows, n); ``InputError`` names the row of another length."""
+    length = len(rows[0])
+    other = next((at for at, row in enumerate(rows) if len(row) != length), None)
+    if other is not None:
+        raise InputError(f"{where}, row {other}", f"{len(rows[other])} items", f"{length}, as in row 0", "repair it")
+    return np.stack(rows)
 
 
 def fields(name: str, array: np.ndarray) -> dict[str, np.ndarray]:

@@ -24,9 +24,9 @@ from leapgap.logs.map_proposal.unit_readings import (
     NORMALISED,
     PERCENT,
     TICKS,
-    Numbers,
-    Reading,
+    JointNumbers,
     Scale,
+    UnitReading,
     inside,
     nearest,
     readings,
@@ -66,7 +66,7 @@ def rows_in(clock: np.ndarray, seconds: float, unit: str = "s") -> int:
     return int(min(seconds / step, len(clock) // 4))
 
 
-def judge_units(evidence: Evidence, proposal: Proposal) -> Reading | None:
+def judge_units(evidence: Evidence, proposal: Proposal) -> UnitReading | None:
     """The units of clock, positions and velocities that go together; None without positions."""
     if "joint_pos" not in evidence.values:
         if "joint_pos" not in evidence.unplaced:
@@ -112,7 +112,7 @@ def judge_units(evidence: Evidence, proposal: Proposal) -> Reading | None:
     return best
 
 
-def tell_odd_rates(reading: Reading, numbers: Numbers, evidence: Evidence, proposal: Proposal) -> None:
+def tell_odd_rates(reading: UnitReading, numbers: JointNumbers, evidence: Evidence, proposal: Proposal) -> None:
     """Name the joints whose velocities are not the rates of their positions, while those of the others are."""
     if numbers.rate is None or reading.velocity is None:
         return
@@ -189,7 +189,7 @@ LEAST_ROWS = 40
 """Rows below which no rates are looked at."""
 
 
-def numbers_of(evidence: Evidence) -> Numbers:
+def numbers_of(evidence: Evidence) -> JointNumbers:
     """What the units are judged by, with velocities in the order of the positions."""
     position = evidence.values["joint_pos"]
     whole = bool((position == np.round(position)).all())
@@ -209,10 +209,10 @@ def numbers_of(evidence: Evidence) -> Numbers:
         rate = np.where(good, size, np.nan)
         exact = bool(good.any() and (found.correlation[good] > EXACT).all())
     low, high = np.nanquantile(position, [0.001, 0.999], axis=0)
-    return Numbers(low, high, whole, speed, rate, exact)
+    return JointNumbers(low, high, whole, speed, rate, exact)
 
 
-def turn_round(reading: Reading, evidence: Evidence, proposal: Proposal) -> None:
+def turn_round(reading: UnitReading, evidence: Evidence, proposal: Proposal) -> None:
     """Turn joints round that lie within their limits only so; name those that lie outside either way."""
     limits, real = real_limits(evidence.robot)
     low, high = np.nanmin(evidence.values["joint_pos"], axis=0), np.nanmax(evidence.values["joint_pos"], axis=0)
@@ -284,7 +284,7 @@ def put_unit(quantity: str, unit: str, evidence: Evidence, proposal: Proposal) -
         proposal.put("units", f"{quantity}/{ours}", unit)
 
 
-def judge_velocities(reading: Reading | None, evidence: Evidence, proposal: Proposal) -> None:
+def judge_velocities(reading: UnitReading | None, evidence: Evidence, proposal: Proposal) -> None:
     """Unit of velocities by the rates of positions; they are left out where it does not show."""
     if "joint_vel" in evidence.unplaced:
         return
@@ -349,7 +349,7 @@ def their_column(quantity: str, joint: str, proposal: Proposal) -> str:
     return str(entries[f"{quantity}/*"]).replace("*", names.get(joint, joint))
 
 
-def judge_set_points(reading: Reading | None, evidence: Evidence, proposal: Proposal) -> None:
+def judge_set_points(reading: UnitReading | None, evidence: Evidence, proposal: Proposal) -> None:
     """Order, sign and unit of set points: a robot follows them, later."""
     for quantity, measured in (("cmd_pos", "joint_pos"), ("cmd_vel", "joint_vel")):
         if quantity not in evidence.values or evidence.time is None or evidence.position_unit == ASKED:
@@ -371,7 +371,12 @@ def leave_out_rates(evidence: Evidence, proposal: Proposal) -> None:
 
 
 def judge_set_point(
-    quantity: str, measured: str, unit: Scale | None, reading: Reading | None, evidence: Evidence, proposal: Proposal
+    quantity: str,
+    measured: str,
+    unit: Scale | None,
+    reading: UnitReading | None,
+    evidence: Evidence,
+    proposal: Proposal,
 ) -> None:
     """Order, sign and unit of one kind of set points."""
     _, actual, wanted = (clock, *_) = some_rows(evidence, measured, quantity)
@@ -421,7 +426,7 @@ def judge_set_point(
         proposal.say(known, f"{quantity} is in {name}: what is measured follows it")
 
 
-def measured_factor(reading: Reading | None) -> float:
+def measured_factor(reading: UnitReading | None) -> float:
     """What measured velocities are multiplied by to be in rad/s."""
     return UNITS["rad/s"][reading.velocity] if reading and reading.velocity else 1.0
 

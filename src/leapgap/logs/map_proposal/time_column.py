@@ -8,7 +8,7 @@ from leapgap.logs.clock import PERIOD_TOLERANCE
 from leapgap.logs.importers.units import UNITS
 from leapgap.logs.map_proposal.names import NANOSECONDS, SECONDS, time_columns, words
 from leapgap.logs.map_proposal.proposal import GUESSED, MISSING, SURE, Evidence, Proposal
-from leapgap.logs.map_proposal.unit_readings import Reading
+from leapgap.logs.map_proposal.unit_readings import UnitReading
 
 STEPS = (1e-4, 0.5)
 """Periods of loops of robots, s: what a unit of time must give."""
@@ -96,7 +96,7 @@ def find_steps(column: str, steps: np.ndarray, evidence: Evidence, proposal: Pro
     proposal.say(GUESSED, f"the spacing of the samples is {column}")
 
 
-def judge_time(columns: Sequence[str], reading: Reading | None, evidence: Evidence, proposal: Proposal) -> None:
+def judge_time(columns: Sequence[str], reading: UnitReading | None, evidence: Evidence, proposal: Proposal) -> None:
     """The unit of the clock, with those of the positions and velocities that go with it."""
     if evidence.instants is None:
         return

@@ -73,7 +73,7 @@ class Scale:
 
 
 @dataclass(frozen=True)
-class Reading:
+class UnitReading:
     """Units of a clock and of positions that go together, and of velocities where one does."""
 
     time: str
@@ -90,7 +90,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Numbers:
+class JointNumbers:
     """What the readings are judged by: of the joints, in our order and in the units of the file."""
 
     low: np.ndarray
@@ -118,8 +118,8 @@ def scales(robot: Robot) -> list[Scale]:
 
 
 def readings(
-    numbers: Numbers, robot: Robot, times: Sequence[str], named: Sequence[str] = (), any_order: bool = False
-) -> list[Reading]:
+    numbers: JointNumbers, robot: Robot, times: Sequence[str], named: Sequence[str] = (), any_order: bool = False
+) -> list[UnitReading]:
     """The readings that are left, the likeliest first. ``named`` are units that a name in the file speaks of.
 
     With ``any_order`` the columns may be of other joints than they are taken for.
@@ -139,8 +139,8 @@ def readings(
 
 
 def judged(
-    numbers: Numbers, robot: Robot, time: str, rank: int, scale: Scale, named: Sequence[str], any_order: bool
-) -> Reading | None:
+    numbers: JointNumbers, robot: Robot, time: str, rank: int, scale: Scale, named: Sequence[str], any_order: bool
+) -> UnitReading | None:
     """One reading; None where the numbers rule it out."""
     limits, real = real_limits(robot)
     low, high = (end * scale.factor + scale.offset for end in (numbers.low, numbers.high))
@@ -171,7 +171,9 @@ def judged(
         turned_round = (inside(low, high, limits) | inside(-high, -low, limits)).all()
         cost += TURNED_COST if turned_round else OUTSIDE_COST
     cost += (bool(named) and scale.name not in named) * UNNAMED_COST
-    return Reading(time, scale, velocity, error, is_inside, is_inside and not shares and bool(zero_outside.any()), cost)
+    return UnitReading(
+        time, scale, velocity, error, is_inside, is_inside and not shares and bool(zero_outside.any()), cost
+    )
 
 
 def rate_unit(rate: float, position: str, exact: bool) -> str | None:
@@ -189,7 +191,7 @@ def spread(values: np.ndarray) -> float:
     return float(np.abs(np.log(finite / np.median(finite))).max())
 
 
-def could_be(numbers: Numbers, scale: Scale) -> bool:
+def could_be(numbers: JointNumbers, scale: Scale) -> bool:
     """Whether numbers can be of a unit at all: shares end at 100, ticks are whole."""
     if scale.name == TICKS:
         return numbers.whole

@@ -15,7 +15,7 @@ from leapgap.robot.model import Robot
 
 
 @dataclass(frozen=True)
-class Commands:
+class PlannedCommands:
     """What a plan asks of the joints, (rows, joints) each."""
 
     position: np.ndarray
@@ -42,7 +42,7 @@ class PlannedMotion(ABC):
     """N·m·s/rad of each joint, or one number for all."""
 
     @abstractmethod
-    def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> Commands:
+    def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> PlannedCommands:
         """Commands of one plan at ``time`` (rows,), s, from the joint angles ``pose`` (joints,), where it rests."""
 
     @staticmethod

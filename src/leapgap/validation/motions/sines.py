@@ -7,7 +7,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
-from leapgap.validation.motions.base import Commands, PlannedMotion, rise
+from leapgap.validation.motions.base import PlannedCommands, PlannedMotion, rise
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class SumOfSines(PlannedMotion):
     onset_s: float
     """The motion grows from rest over this time."""
 
-    def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> Commands:
+    def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> PlannedCommands:
         """Set points within the joints' ranges, and the torque that holds them against gravity in the model."""
         joints, waves = len(robot.joints), len(self.frequencies_hz)
         size = rng.uniform(0.4, 1.0, (waves, joints))
@@ -32,7 +32,7 @@ class SumOfSines(PlannedMotion):
         wave *= np.broadcast_to(self.swing, joints) / np.abs(wave).max(axis=0)
         position = pose + rise(time, self.onset_s)[:, None] * wave
         check_ranges(position, robot)
-        return Commands(position, gravity_torques(position, robot))
+        return PlannedCommands(position, gravity_torques(position, robot))
 
 
 def check_ranges(position: np.ndarray, robot: Robot) -> None:

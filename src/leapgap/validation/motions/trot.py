@@ -6,7 +6,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
-from leapgap.validation.motions.base import Commands, PlannedMotion, rise
+from leapgap.validation.motions.base import PlannedCommands, PlannedMotion, rise
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Trot(PlannedMotion):
     onset_s: float
     """Steps grow to their whole size over this time."""
 
-    def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> Commands:
+    def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> PlannedCommands:
         """Set points of one gait, without feed-forward torque."""
         frequency, lift, stride = (
             float(rng.uniform(least, most)) for least, most in (self.frequency_hz, self.lift_rad, self.stride_rad)
@@ -50,7 +50,7 @@ class Trot(PlannedMotion):
             for limb in limbs:
                 position[:, joint_at(limb, self.lifting, robot)] += growth * (lift * raised - stride * swept)
                 position[:, joint_at(limb, self.bending, robot)] -= 2 * growth * lift * raised
-        return Commands(position, np.zeros_like(position))
+        return PlannedCommands(position, np.zeros_like(position))
 
 
 def steps(cycles: np.ndarray, duty: float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,6 @@
 """Masses that move inside the trunk; the model holds their weight, but fixes them to the trunk."""
 
 from abc import abstractmethod
-from collections.abc import Hashable
 from dataclasses import dataclass
 
 import mujoco
@@ -25,11 +24,6 @@ class MovingMass(OffTableEffect):
     needs_base = True
 
     mass_kg: float = parameter(0.0, "kg", 0.0, 3.0)
-
-    @property
-    def structure(self) -> Hashable | None:
-        """Key of the changed model structure (a body on a slide joint); None for a mass of zero."""
-        return None if self.is_nominal else self.name
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Add the body last, so that the indices of the robot's own bodies and joints stay."""

@@ -56,6 +56,4 @@ class PacketLoss(OffTableEffect):
         lost = np.repeat(bursts, burst)[:rows]
         lost[:1] = False
         last_received = np.maximum.accumulate(np.where(lost, 0, np.arange(rows)))
-        return Commands(
-            commands.torque[last_received], commands.position[last_received], commands.velocity[last_received]
-        )
+        return commands.each(lambda sent: sent[last_received])

@@ -13,7 +13,7 @@ from leapgap.robot.self_contained import OWN_MODEL
 from leapgap.runtime.atomic_io import sha256, write_text
 from leapgap.validation.outcome import DETECTABLE_FLOORS
 from leapgap.validation.owners.errors import OF_ROBOT, Error, Situation
-from leapgap.validation.owners.plant import Drive, Plant, Run, build
+from leapgap.validation.owners.plant import OwnersDrive, OwnersPlant, Run, build
 from leapgap.validation.owners.robots import BASE_NOISE, REST_S, ROBOTS, OwnersRobot
 
 LOGS, PROOFS, MEASURED = 4, 2, 2
@@ -64,7 +64,7 @@ def write_owners_case(case: OwnersCase, models: Path, logs: Path, proof: Path) -
     plans_rng, size_rng, wear_rng, noise_rng = rng.spawn(4)
     spec = mujoco.MjSpec.from_file(str(file))
     limit = np.array([max(np.abs(a.ctrlrange).max(), np.abs(a.forcerange).max()) for a in spec.actuators])
-    drive = Drive(np.array(robot.kp), np.array(robot.kd), limit)
+    drive = OwnersDrive(np.array(robot.kp), np.array(robot.kd), limit)
     nominal, wear = build(file, drive), int(wear_rng.integers(2**31))
     plans = [Plan.draw(robot, nominal, plans_rng) for _ in range(LOGS + PROOFS)]
     expected = [plan.run(nominal, robot) for plan in plans[:MEASURED]]
@@ -117,7 +117,7 @@ def write_owners_case(case: OwnersCase, models: Path, logs: Path, proof: Path) -
 
 
 def draw_errors(
-    case: OwnersCase, robot: OwnersRobot, nominal: Plant, run: Run, limit: np.ndarray, rng: np.random.Generator
+    case: OwnersCase, robot: OwnersRobot, nominal: OwnersPlant, run: Run, limit: np.ndarray, rng: np.random.Generator
 ) -> list[Error]:
     """The errors of a case with their sizes and places."""
     data, whole = mujoco.MjData(nominal.model), np.zeros((nominal.model.nv, nominal.model.nv))
@@ -138,7 +138,7 @@ class Plan:
     rest_rows: int
 
     @staticmethod
-    def draw(robot: OwnersRobot, plant: Plant, rng: np.random.Generator) -> "Plan":
+    def draw(robot: OwnersRobot, plant: OwnersPlant, rng: np.random.Generator) -> "Plan":
         """A motion of the robot from the pose of its keyframe."""
         rest = round(REST_S / robot.period_s)
         time = np.arange(round(robot.length_s / robot.period_s) + 1) * robot.period_s
@@ -153,7 +153,7 @@ class Plan:
         rows = np.maximum(0, rows // held_rows * held_rows + self.rest_rows)
         return self.smooth[rows], speed[rows]
 
-    def run(self, plant: Plant, robot: OwnersRobot, held_rows: int | None = None) -> Run:
+    def run(self, plant: OwnersPlant, robot: OwnersRobot, held_rows: int | None = None) -> Run:
         """The motion of a robot under these set points."""
         position, velocity = self.commands(robot, held_rows or robot.policy_rows)
         return plant.run(position, velocity, robot.period_s, robot.step_s, self.rest_rows)

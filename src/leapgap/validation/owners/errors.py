@@ -26,7 +26,7 @@ class Error:
     location: str = ALL
     parameters: dict[str, float] = field(default_factory=dict)
     drive: dict[str, Any] = field(default_factory=dict)
-    """Fields of the robot's ``Drive``."""
+    """Fields of the robot's ``OwnersDrive``."""
     spec: Callable[[mujoco.MjSpec], None] | None = None
     model: Callable[[mujoco.MjModel], None] | None = None
     file_limit: np.ndarray | None = None

@@ -23,7 +23,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Drive:
+class OwnersDrive:
     """What a robot's drives do, by joint or alike. Errors change its fields from what the log and the model say."""
 
     kp: np.ndarray
@@ -51,11 +51,11 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Plant:
+class OwnersPlant:
     """A robot: its compiled model and its drives."""
 
     model: mujoco.MjModel
-    drive: Drive
+    drive: OwnersDrive
 
     @property
     def joints(self) -> np.ndarray:
@@ -116,11 +116,11 @@ class Plant:
 
 def build(
     file: Path,
-    drive: Drive,
+    drive: OwnersDrive,
     rng: np.random.Generator | None = None,
     specs: Sequence[Callable[[mujoco.MjSpec], None]] = (),
     changes: Sequence[Callable[[mujoco.MjModel], None]] = (),
-) -> Plant:
+) -> OwnersPlant:
     """The robot of a model file with errors in it; with ``rng`` its numbers depart from the file by small amounts."""
     spec = mujoco.MjSpec.from_file(str(file))
     for change in specs:
@@ -142,4 +142,4 @@ def build(
     for apply in changes:
         apply(model)
     mujoco.mj_setConst(model, mujoco.MjData(model))
-    return Plant(model, drive)
+    return OwnersPlant(model, drive)
