@@ -239,8 +239,8 @@ class BestFit:
             tuple(numbers),
             typical(candidate, gap.names),
         )
-        own = f"explains {best.closure.value:.2f}, the identified causes {answer:.2f}"
-        self.progress(f"best simulator: {best.source}, {own}")
+        own = f"explains {100 * best.closure.value:.0f} % of the gap, the identified causes {100 * answer:.0f} %"
+        self.progress(f"fit of all effects: {own}")
         return best
 
     def judged(self, candidate: Candidate, left: np.ndarray) -> list[BestNumber]:

@@ -132,7 +132,7 @@ def closures(report: ReportContent) -> go.Figure:
         )
     )
     figure.update_layout(height=80 + 34 * len(causes), margin={"l": 170, "r": 20, "t": 10, "b": 45})
-    figure.update_xaxes(title_text="explains, % of the gap above noise")
+    figure.update_xaxes(title_text="explained gap, %")
     return figure
 
 
