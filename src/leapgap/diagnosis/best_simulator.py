@@ -267,7 +267,7 @@ class BestFit:
                 pair = abs(alike[at, like]) > ALIKE
                 why = {
                     "at the end of its range": h.at_bound(own),
-                    "the logs hardly determine it, so that it stays where it was expected": left[at] > LEAST_INFORMED,
+                    "the logs do not determine it, so that it stays where it was expected": left[at] > LEAST_INFORMED,
                     f"{labels[like]} does the same (correlation {alike[at, like]:.2f})": pair,
                     f"other numbers together do the same (correlation {together[at]:.2f})": not pair
                     and together[at] > MADE_UP,

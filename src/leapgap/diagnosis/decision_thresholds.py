@@ -34,7 +34,7 @@ class DecisionThresholds:
     one with a cause too many has 13, and three that stand for a cause that was struck have 8.1 to 11.8."""
     partly_closure: float = 0.2
     """Causes that are likely and explain too little are called ``partly`` where they explain this share of the
-    headline gap on held-out logs, and surely some of it."""
+    headline gap on held-out logs, with an interval above zero."""
     most_whole_gap: float = 5.0
     """Largest gap of whole logs, in noise floors, of which a named answer may explain less than ``partly_closure``. Of
     396 sealed cases right answers that explained so little had 2.7 and less; one for an unmodelled cause had 11."""
