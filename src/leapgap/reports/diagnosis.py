@@ -91,7 +91,7 @@ class Report:
 
     @property
     def verdict(self) -> str:
-        """``named``, ``ambiguous``, ``unknown`` or ``none``."""
+        """``named``, ``ambiguous``, ``partly``, ``unknown`` or ``none``."""
         return self.content.verdict
 
     @property

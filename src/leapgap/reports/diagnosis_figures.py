@@ -185,8 +185,9 @@ def gap_per_log(report: ReportContent) -> go.Figure:
             cliponaxis=False,
         )
     figure.add_hline(y=report.noise_floor, line={"color": REAL, "dash": "dot", "width": 1})
+    labels = 6 * max(map(len, names), default=0) if len(names) > 8 else 0  # many names are turned, below the bars
     figure.update_layout(
-        height=300,
+        height=300 + labels,
         barmode="group",
         margin={"l": 45, "r": 15, "t": 30, "b": 40},
         legend={"orientation": "h", "y": 1.18, "x": 0},
