@@ -1,10 +1,14 @@
 """A long computation that says nothing is said to be running, and its steps say how long they may take."""
 
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
+from leapgap import cli
 from leapgap.runtime.still_running import still_running
+from tests import plain_arm
 
 
 def test_silence_is_broken_and_talk_is_passed_on() -> None:
@@ -70,3 +74,16 @@ def test_an_estimate_that_has_passed_is_no_longer_said() -> None:
     assert lines[0] == "step 2 of 2, search; 30 s so far, about 30 s to 4 min more"
     assert lines[1] == "still running; 2 min so far, up to 3 min more"
     assert lines[-1] == "still running; 10 min so far"
+
+
+@pytest.mark.parametrize("at_terminal", [True, False])
+def test_a_quick_command_says_its_steps_to_a_person_alone(
+    at_terminal: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain_arm.write_parquet(tmp_path / "logs", 2)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: at_terminal)
+    assert cli.main(["check", str(tmp_path / "logs")]) == 0
+    said = capsys.readouterr()
+    steps = [line for line in said.err.splitlines() if line.startswith("step ")]
+    assert "step" not in said.out
+    assert [line.partition(":")[0] for line in steps] == ["step 1 of 2, reading", "step 2 of 2, checks"] * at_terminal

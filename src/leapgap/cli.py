@@ -379,8 +379,10 @@ def told_on_the_way(chosen: argparse.Namespace) -> AbstractContextManager[Callab
     return nullcontext(lambda _: None) if chosen.quiet else still_running(tell, BEGINS.get(chosen.command))
 
 
-def told_to_errors(chosen: argparse.Namespace) -> AbstractContextManager[Callable[[str], None]]:
-    """What prints the progress of a command whose output is for other programs, too, to standard error."""
+def told_at_terminal(chosen: argparse.Namespace) -> AbstractContextManager[Callable[[str], None]]:
+    """What prints the progress of a quick command, where a person sits at a terminal; programs get results alone."""
+    if not sys.stderr.isatty():
+        return nullcontext(lambda _: None)
     return still_running(partial(tell, to=sys.stderr), BEGINS[chosen.command])
 
 
@@ -401,7 +403,7 @@ def print_written(folder: Path) -> None:
 
 def run_check(chosen: argparse.Namespace) -> None:
     """Print each check on a line."""
-    with told_to_errors(chosen) as progress:
+    with told_at_terminal(chosen) as progress:
         progress("step 1 of 2, reading")
         robot = robot_of(chosen)
         logs = lg.read_logs(chosen.logs, robot=robot)
@@ -461,7 +463,7 @@ def run_import(chosen: argparse.Namespace) -> None:
     check_output(chosen.out, IMPORT, (chosen.source, chosen.robot), kept=True)
     guessed: list[str] = []
     values: Any
-    with told_to_errors(chosen) as progress:
+    with told_at_terminal(chosen) as progress:
         progress(f"step 1 of 2, reading {chosen.source}")
         if chosen.options is None and is_proposed(chosen.format):
             found = propose_map(chosen.source, load_robot(chosen), chosen.format)
