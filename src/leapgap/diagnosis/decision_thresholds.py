@@ -43,7 +43,7 @@ class DecisionThresholds:
     short replays."""
     least_shrunk: float = 0.05
     """A held robot neither lands nor falls: what short replays say must show in whole logs. A further cause must shrink
-    the gap that the causes before it leave by this share, and no answer may surely widen the nominal robot's."""
+    the gap that the causes before it leave by this share, and no answer may significantly widen the nominal robot's."""
     least_sure: float = 0.9
     """A rival that is better on whole logs of a held robot in so many resamples may be as likely as the answer."""
     none_below: float = 1.15
