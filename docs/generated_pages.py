@@ -94,7 +94,7 @@ def command_page() -> str:
             prog, width=COMMAND_WIDTH, max_help_position=26
         )
         text = parser.format_help().replace(cli.UNITS, "").strip()
-        parts.append(f"## leapgap {name}\n\n```text\n{text}\n```\n")
+        parts.append(f"## leapgap {name}\n\n``` {{ .text .as-it-is }}\n{text}\n```\n")
     return "\n".join(parts)
 
 

@@ -1,4 +1,4 @@
-"""Where a robot's simulation is wrong, which unmodelled effect causes it, and how far the gap shrinks with it added.
+"""Find out why a robot does not move as its MuJoCo simulation does.
 
     import leapgap as lg
 
@@ -6,7 +6,7 @@
     print(report)
     report.save("out/")
 
-What stands in ``__all__`` is public. It is imported when it is first used, so that ``import leapgap`` takes no time.
+Public are the names in ``__all__``. Each is imported when it is first used, so that ``import leapgap`` is fast.
 """
 
 from __future__ import annotations

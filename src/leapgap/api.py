@@ -36,7 +36,7 @@ Logs = Sequence[Log] | PathLike
 def read_logs(
     source: Logs, format: str | None = None, robot: Robot | PathLike | None = None, options: Any = None
 ) -> list[Log]:
-    """Logs of a file or folder, in the order of their names.
+    """Read the logs of a file or folder, in the order of their names.
 
     Without ``format`` they are Parquet files as ``write_log`` writes them. With it (``csv``, ``ros``, others: see
     ``leapgap import --help``) they are read as that, several logs a file where the options cut it. ``robot`` then names
@@ -99,10 +99,10 @@ def write_log(log: Log, path: PathLike) -> Path:
 
 
 def replay(logs: Logs, robot: Robot | PathLike, effects: Sequence[Effect] = ()) -> list[Log]:
-    """The logs' own commands in the simulated robot, from each log's first state; measured columns are simulated.
+    """Replay the logged commands in simulation, from each log's first state; measured columns are simulated.
 
-    ``robot`` may be a folder ``corrected`` of a report, whose effects are simulated too. ``effects`` are added; none:
-    the robot as it is there.
+    ``robot`` may be the folder ``corrected`` of a report, whose effects are simulated, too. ``effects`` are added to
+    the robot.
     """
     folder = isinstance(robot, PathLike) and Path(robot).is_dir()
     loaded, own = read_corrected(robot) if folder else (load_robot(robot), ())  # type: ignore[arg-type]
@@ -130,9 +130,9 @@ class CheckReport:
 
 
 def check(logs: Logs, robot: Robot | PathLike | None = None, settings: Settings | None = None) -> CheckReport:
-    """Whether logs agree with themselves: clocks, free fall, planted feet; takes seconds and fits nothing.
+    """Check the consistency of logs: clocks, velocities, free fall, planted feet, wiring. Takes seconds.
 
-    Without a robot only what needs no model is checked.
+    Without a robot, the checks that need a model are left out.
     """
     loaded = None if robot is None else load_robot(robot)
     return CheckReport(
@@ -151,7 +151,7 @@ def diagnose(
     without: Sequence[str] = (),
     also: Sequence[type[Effect]] = (),
 ) -> Report:
-    """Where the simulation differs from the logs, which effect causes it, and how far the gap shrinks with it.
+    """Identify which unmodelled effects cause the difference between logs and simulation.
 
     Of a folder, logs that cannot be used are set aside, and so are, of any logs, those that differ from the others;
     the report names them. ``robot`` is a MuJoCo model, ``settings`` those that were validated unless others are given.
@@ -185,7 +185,7 @@ def judge(
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
 ) -> Judgement:
-    """Which changes of a corrected model are supported by logs that it was not fitted on.
+    """Say which changes of a corrected model are supported by logs that it was not fitted on.
 
     ``correction`` is the corrected model file, from whatever tool, or the folder of a report. ``nominal`` is the model
     that a file corrects; a report brings its own. Logs that a report was made from are left out.
@@ -221,7 +221,7 @@ def compare(
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
 ) -> Comparison:
-    """What changed between two sets of logs of one robot, whatever its model is wrong by in both."""
+    """Say what changed between two sets of logs of one robot; model errors that both sets share cancel."""
     loaded = load_robot(robot)
     earlier, later = (read_logs(logs, robot=loaded) for logs in (before, after))
     return compare_logs(earlier, later, loaded, settings, progress, threads)

@@ -10,6 +10,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
@@ -18,7 +19,7 @@ from leapgap.errors import InputError, did_you_mean, printable
 from leapgap.runtime.interrupt import STOPPED
 from leapgap.runtime.output_folder import check_output, merged_folder, system_error, what_is_kept
 from leapgap.runtime.processes import InterruptGuard, open_closed_streams, tolerate_terminal
-from leapgap.runtime.still_running import still_running
+from leapgap.runtime.still_running import Begins, still_running
 
 DESCRIPTION = "Find out why a robot does not move as its MuJoCo simulation does."
 IMPORT, REPLAY, DEMO, NET = "leapgap import", "leapgap replay", "leapgap demo", "leapgap actuator-net"
@@ -48,6 +49,14 @@ EXAMPLES = {
     "demo": ("leapgap demo --number 4",),
 }
 """Of each command, calls of it."""
+BEGINS: dict[str, Begins] = {
+    "diagnose": {2: (0.02, 0.1), 3: (0.4, 0.95), 4: (0.75, 0.97)},
+    "check": {2: (0.3, 0.7)},
+    "import": {},
+    "judge": {},
+    "compare": {},
+}
+"""Shares of a command's time at which its steps begin, as seen on arms, a servo arm and quadrupeds."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -367,7 +376,14 @@ def tell_result(chosen: argparse.Namespace, work: Any) -> None:
 
 def told_on_the_way(chosen: argparse.Namespace) -> AbstractContextManager[Callable[[str], None]]:
     """What prints the progress of a command for the time of a block; nothing with ``--quiet``."""
-    return nullcontext(lambda _: None) if chosen.quiet else still_running(tell)
+    return nullcontext(lambda _: None) if chosen.quiet else still_running(tell, BEGINS.get(chosen.command))
+
+
+def told_at_terminal(chosen: argparse.Namespace) -> AbstractContextManager[Callable[[str], None]]:
+    """What prints the progress of a quick command, where a person sits at a terminal; programs get results alone."""
+    if not sys.stderr.isatty():
+        return nullcontext(lambda _: None)
+    return still_running(partial(tell, to=sys.stderr), BEGINS[chosen.command])
 
 
 def settings_of(chosen: argparse.Namespace) -> Any:
@@ -387,7 +403,13 @@ def print_written(folder: Path) -> None:
 
 def run_check(chosen: argparse.Namespace) -> None:
     """Print each check on a line."""
-    tell(lg.check(chosen.logs, robot_of(chosen)))
+    with told_at_terminal(chosen) as progress:
+        progress("step 1 of 2, reading")
+        robot = robot_of(chosen)
+        logs = lg.read_logs(chosen.logs, robot=robot)
+        progress(f"step 2 of 2, checks: {len(logs)} logs, {sum(map(len, logs))} samples")
+        found = lg.check(logs, robot)
+    tell(found)
 
 
 def run_replay(chosen: argparse.Namespace) -> None:
@@ -441,16 +463,19 @@ def run_import(chosen: argparse.Namespace) -> None:
     check_output(chosen.out, IMPORT, (chosen.source, chosen.robot), kept=True)
     guessed: list[str] = []
     values: Any
-    if chosen.options is None and is_proposed(chosen.format):
-        found = propose_map(chosen.source, load_robot(chosen), chosen.format)
-        name, values = found.format, found.answered(chosen.source, chosen.robot)
-        guessed = [f"guessed: {sentence}" for sentence in found.guesses]
-    else:
-        name, values = import_options(chosen.options, chosen.format)
-    options: Any = None if values is None else from_mapping(log_format(name).Options, values, str(chosen.options))
-    readings = read_foreign(chosen.source, name, robot_of(chosen), options)
-    logs = readings.logs
-    write_all(logs, chosen.out, IMPORT)
+    with told_at_terminal(chosen) as progress:
+        progress(f"step 1 of 2, reading {chosen.source}")
+        if chosen.options is None and is_proposed(chosen.format):
+            found = propose_map(chosen.source, load_robot(chosen), chosen.format)
+            name, values = found.format, found.answered(chosen.source, chosen.robot)
+            guessed = [f"guessed: {sentence}" for sentence in found.guesses]
+        else:
+            name, values = import_options(chosen.options, chosen.format)
+        options: Any = None if values is None else from_mapping(log_format(name).Options, values, str(chosen.options))
+        readings = read_foreign(chosen.source, name, robot_of(chosen), options)
+        logs = readings.logs
+        progress(f"step 2 of 2, writing {len(logs)} logs")
+        write_all(logs, chosen.out, IMPORT)
     for line in (*guessed, *readings.lines()):
         tell(line, sys.stderr)
     for log in logs:
@@ -539,7 +564,7 @@ def run_demo(chosen: argparse.Namespace) -> None:
     hiding = demo.simulate(chosen.number)
     write_all(hiding.logs, logs_folder, DEMO)
     tell(f"simulated robot {chosen.number} with a hidden fault: {len(hiding.logs)} logs in {logs_folder}")
-    with still_running(tell) as progress:
+    with still_running(tell, BEGINS["diagnose"]) as progress:
         report = lg.diagnose(logs_folder, hiding.robot, progress=progress)
         tell(f"\n{report}\n\nhidden was {hiding.answer}\n")
         progress("step 4 of 4, report")

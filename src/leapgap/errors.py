@@ -19,9 +19,9 @@ def printable(text: object) -> str:
 class InputError(Exception):
     """A file, log or setting that cannot be used; stages turn it into exit code 2 and its message.
 
-    Says where the trouble is, what was found there, what was expected, and what to do about it, so that
-    nobody needs a traceback to mend an input. What of it comes from a file is made ``printable``. ``each`` are further
-    lines, one for each of several troubles.
+    Says where the trouble is, what was found there, what was expected, and what to do about it, so that nobody needs a
+    traceback to correct an input. What of it comes from a file is made ``printable``. ``each`` are further lines, one
+    for each of several troubles.
     """
 
     def __init__(self, where: object, found: str, expected: str, do: str, each: Iterable[object] = ()) -> None:

@@ -242,7 +242,7 @@ def test_reasons_not_to_believe_a_number(robot: Robot) -> None:
     assert armature.why == ("torque_gain scale does the same (correlation 0.93)",)
     assert damping.why == ("at the end of its range",)
     assert gain.why == (
-        "the logs hardly determine it, so that it stays where it was expected",
+        "the logs do not determine it, so that it stays where it was expected",
         "armature inertia does the same (correlation 0.93)",
         "its interval holds the nominal value",
     )

@@ -80,7 +80,7 @@ def test_a_further_cause_that_logs_do_not_tell_is_left_out(robot: Robot) -> None
     found = without_uncertain(judgement, fit, DecisionThresholds())
     assert found.conclusion.answer == (("joint_friction",),) and found.conclusion.verdict == "named"
     assert found.selected.names == ("joint_friction",) and found.selected.numbers == pytest.approx(0.3, rel=0.03)
-    assert fit.notes == ["left out, since the logs hardly determine its number: armature"]
+    assert fit.notes == ["left out, since the logs do not determine its number: armature"]
 
 
 def test_a_further_cause_that_logs_tell_stays(robot: Robot) -> None:

@@ -34,7 +34,7 @@ INJECTED = [
     ("nothing wrong", "none_correct", 100),
     ("median parameter error", "injected_parameter_error_median", 100),
     ("95 % intervals that hold the truth", "injected_coverage", 100),
-    ("mean difference of promised and realised reduction", "closure_promise_error", 1),
+    ("mean difference of predicted and actual reduction", "closure_promise_error", 1),
 ]
 COLUMNS = {"a1": 0, "ur5e": 1}
 SINGLES = r"the right cause first in (\d+) of (\d+) detectable single faults"

@@ -1,9 +1,11 @@
 """Notebooks run from their first cell to their last, and say what their stored output says.
 
-That of a real robot needs its logs, which are no part of the project: `python -m stages.fetch acrobot`.
+That of a real robot needs its logs, which are no part of the project: `python -m stages.fetch acrobot`, or a folder
+with them in the variable `ACROBOT`.
 """
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -17,7 +19,7 @@ from tests.code import ROOT
 from tests.project import environment
 
 EXAMPLES = ROOT / "docs" / "examples"
-DATA = {"acrobot": ROOT / "data" / "raw" / "acrobot"}
+DATA = {"acrobot": Path(os.environ.get("ACROBOT", ROOT / "data" / "raw" / "acrobot"))}
 """Logs of real robots by the notebook and the variable that names their folder, in capitals."""
 CAUSE = re.compile(r"^(named|unknown|partly|ambiguous|none)\b.*?\(?(\w+) at (\w+)", re.MULTILINE)
 

@@ -58,7 +58,14 @@ OLD = (
     "without a word",
     "it closes",
     "which closes",
-    "surely closes",
+    "tell them apart",
+    "foreign logs",
+    "hang together",
+    "hardly determine",
+    "hardly known",
+    "surely",
+    "promised closure",
+    "realised closure",
 )
 """Phrases of our own for which the field has a word."""
 APART = [ROOT / "docs" / "research" / "engine.md"]

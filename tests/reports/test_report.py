@@ -20,7 +20,7 @@ from leapgap.reports.channels_data import channels_data
 from leapgap.reports.colours import CORRECTED
 from leapgap.reports.diagnosis import cause_in_words, largest_errors
 from leapgap.reports.diagnosis_figures import closures, profiles
-from leapgap.reports.report import tiles
+from leapgap.reports.report import loudest, tiles
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 
@@ -169,6 +169,14 @@ def test_only_the_place_that_was_selected_is_blue() -> None:
     assert blue == ["joint_damping (RR_calf)"]
     nothing = SimpleNamespace(causes=tuple(found), answer=())
     assert CORRECTED not in closures(nothing).data[0].marker.color  # type: ignore[arg-type]
+
+
+def test_of_left_and_right_that_logs_do_not_separate_the_page_lists_one() -> None:
+    left, right = (Place("trot", f"joint_pos/{side}_calf", 0.2, 0.1, "rad") for side in ("FL", "FR"))
+    pair = [replace(left, as_one_with=right.channel), replace(right, as_one_with=left.channel)]
+    later = replace(pair[1], phase="stand")
+    assert loudest([*pair, later]) == [pair[0], later]
+    assert loudest([left, right]) == [left, right]
 
 
 @pytest.mark.parametrize("module", ["api", "cli", "reports.diagnosis"])

@@ -298,7 +298,7 @@ def test_a_model_that_mujoco_cannot_save_is_said_to_be_missing(
     written = write_corrected(tmp_path / "corrected", robot, (damped,))
     assert not written.replayable
     text = (tmp_path / "corrected" / "README.md").read_text()
-    assert "would change when it writes it" in text
+    assert "changes when it saves it" in text
     assert "`joint_damping` at all" in text.split("## Not in")[1]
     assert "leapgap replay" not in text
     assert "from_xml_path" not in text

@@ -239,8 +239,8 @@ class BestFit:
             tuple(numbers),
             typical(candidate, gap.names),
         )
-        own = f"explains {best.closure.value:.2f}, the identified causes {answer:.2f}"
-        self.progress(f"best simulator: {best.source}, {own}")
+        own = f"explains {100 * best.closure.value:.0f} % of the gap, the identified causes {100 * answer:.0f} %"
+        self.progress(f"fit of all effects: {own}")
         return best
 
     def judged(self, candidate: Candidate, left: np.ndarray) -> list[BestNumber]:
@@ -267,7 +267,7 @@ class BestFit:
                 pair = abs(alike[at, like]) > ALIKE
                 why = {
                     "at the end of its range": h.at_bound(own),
-                    "the logs hardly determine it, so that it stays where it was expected": left[at] > LEAST_INFORMED,
+                    "the logs do not determine it, so that it stays where it was expected": left[at] > LEAST_INFORMED,
                     f"{labels[like]} does the same (correlation {alike[at, like]:.2f})": pair,
                     f"other numbers together do the same (correlation {together[at]:.2f})": not pair
                     and together[at] > MADE_UP,

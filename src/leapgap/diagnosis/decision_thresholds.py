@@ -34,7 +34,7 @@ class DecisionThresholds:
     one with a cause too many has 13, and three that stand for a cause that was struck have 8.1 to 11.8."""
     partly_closure: float = 0.2
     """Causes that are likely and explain too little are called ``partly`` where they explain this share of the
-    headline gap on held-out logs, and surely some of it."""
+    headline gap on held-out logs, with an interval above zero."""
     most_whole_gap: float = 5.0
     """Largest gap of whole logs, in noise floors, of which a named answer may explain less than ``partly_closure``. Of
     396 sealed cases right answers that explained so little had 2.7 and less; one for an unmodelled cause had 11."""
@@ -43,7 +43,7 @@ class DecisionThresholds:
     short replays."""
     least_shrunk: float = 0.05
     """A held robot neither lands nor falls: what short replays say must show in whole logs. A further cause must shrink
-    the gap that the causes before it leave by this share, and no answer may surely widen the nominal robot's."""
+    the gap that the causes before it leave by this share, and no answer may significantly widen the nominal robot's."""
     least_sure: float = 0.9
     """A rival that is better on whole logs of a held robot in so many resamples may be as likely as the answer."""
     none_below: float = 1.15

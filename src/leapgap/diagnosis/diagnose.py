@@ -113,6 +113,7 @@ def diagnose(
             ready = replace(cut, by_evidence=True)
             answer = find_answer(ready, kinds, settings, progress)
         ready = replace(ready, outside=outside)
+        progress("step 3 of 4, fit of all effects and map of the error")
         answer = with_best_simulator(answer, ready, kinds, settings, progress)
     heldout_gap, judgement, clock = answer.heldout_gap, answer.judgement, ready.clock
     conclusion, selected, names = judgement.conclusion, judgement.selected, heldout_gap.names
@@ -206,6 +207,7 @@ def prepare(
     slots = max((len(log.info.terrain) for log in logs), default=0)
     given = JudgedLogs.of(logs, robot, settings.sizes)
     check_length(given.logs, max(settings.horizon_s, settings.where_horizon_s))
+    progress(f"step 1 of 4, checks and nominal replays: {len(logs)} logs, {sum(given.rows)} samples")
     checks = run_checks(given.logs, robot, settings.check_thresholds, logs)
     if any(check.reads is not None for check in checks):
         given = JudgedLogs.of(as_read(logs, checks), robot, settings.sizes)
@@ -215,7 +217,6 @@ def prepare(
     if clock is None and not by_evidence:
         outside = find_outside_forces(given, replayer, settings.outside)
     ready = replace(ready_logs(given, replayer, checks, outside, settings, rng), by_evidence=by_evidence)
-    progress(f"step 1 of 4, checks and replays: {len(logs)} logs, {sum(ready.judged.rows)} samples are judged")
     for force in outside.forces:
         progress(f"external force: {force.says}")
     if clock is not None:
@@ -299,7 +300,7 @@ def find_answer(
     pieces = partial(ShortRollouts.of, judged.states, ready.replayer, settings.horizon_s, settings.every_s)
     # Logs by their own clock are judged by a joint fit; beside it, single causes by half of the pieces show rivals.
     plan = settings.plan if clock is None else replace(settings.plan, most_causes=1)
-    progress(f"step 2 of 4, search: {len(hypotheses)} hypotheses (an effect at a location) on short segments")
+    progress(f"step 2 of 4, search: {len(hypotheses)} hypotheses (an effect at a location)")
     counts = (most, (most + 1) // 2) if clock is None else ((most + 1) // 2, (most + 3) // 4)
     whole, coarse = map(pieces, counts)
     result = find_causes(whole, coarse, hypotheses, settings.tolerances, ready.heldout_gap.folds, plan, progress)
@@ -307,7 +308,7 @@ def find_answer(
         result.selected, settings.noise_draws_of(sum(judged.rows)), np.random.default_rng(settings.seed)
     )
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
-    progress(f"step 3 of 4, rivals and whole logs: gap {gap:.3f}, noise floor {floor:.3f}")
+    progress(f"step 3 of 4, alternatives and whole logs: gap {gap:.3f}, noise floor {floor:.3f}")
     judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
     told, of_pieces = (evidence, whitened(pieces(most))) if clock is not None else ((), result.short or whitened(whole))
     near = result.selected if clock is None else None

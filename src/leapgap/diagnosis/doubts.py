@@ -31,11 +31,11 @@ def without_uncertain(judgement: Judgement, fit: JointFit, thresholds: DecisionT
     if len(kept) == len(sizes):
         return judgement
     names = " and ".join(h.label for k, h in enumerate(selected.hypotheses) if k not in kept)
-    fit.notes.append(f"left out, since the logs hardly determine its number: {names}")
+    fit.notes.append(f"left out, since the logs do not determine its number: {names}")
     at = fit.by_steps_of(selected) or fit
     found = replace(judgement, conclusion=of_causes(conclusion, at, kept))
     closed, closes = (at.judging.closure_value(own) for own in at.judging.squares([selected, found.selected]))
-    fit.progress(f"without {names}, hardly known: explains {closes:.2f}, {closed:.2f} before")
+    fit.progress(f"without {names}, whose number is not determined: explains {closes:.2f}, {closed:.2f} before")
     if closed - closes < fit.plan.least_part or closes >= thresholds.enough_jointly:
         return found
     return replace(found, conclusion=replace(found.conclusion, verdict="partly"))

@@ -66,8 +66,8 @@ class JointFitSettings:
     """It stays as well where the logarithm of the likelihood falls without it by this share of its rise by all."""
     least_likelier: float = 40.0
     """On a held robot it stays as well where the logarithm of the likelihood falls without it by more, if held-out logs
-    are surely nearer with it; and what a fit of all effects has found takes the place of what a search one by one has,
-    where it is likelier by more and explains more."""
+    are significantly nearer with it; and what a fit of all effects has found takes the place of what a search one by
+    one has, where it is likelier by more and explains more."""
     clear_gain: float = 60.0
     """A further cause that gained so much in short segments is tried on whole logs even where noise explains their
     rest. Errors in the simulation of the causes before it give gains of up to 50."""

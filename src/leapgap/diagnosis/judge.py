@@ -152,10 +152,10 @@ def judge_correction(
     notes: Sequence[str] = (),
 ) -> Judgement:
     """Judge the changes that somebody's correction makes to a nominal robot, on logs it was not fitted on."""
+    progress(f"step 1 of 2, changes: {len(logs)} logs, {len(stated)} changes")
     logs_of = RefereedLogs.of("judge", logs, robot, settings or Settings(), threads)
     search = Search(logs_of.bench, logs_of.folds, progress)
     changes = [Change.of(one, robot) for one in stated]
-    progress(f"step 1 of 2, changes: {len(logs)} logs, {len(changes)} changes")
     start = logs_of.bench.nominal()
     if changes:
         start = logs_of.bench.moved(start.intervals, start.basis, tuple((change, np.ones(1)) for change in changes))

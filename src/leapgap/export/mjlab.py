@@ -7,7 +7,7 @@ SOURCE = '''\
 """A corrected robot for mjlab 1.6: put `actuators(dt)` into `EntityArticulationInfoCfg` and `EVENTS` among the events.
 
 Use `robot.xml` without its own actuators. Numbers have SI units. `EVENTS` randomise each number over its 95 % interval
-on its own; `posterior.npz` has numbers that hang together, drawn together.
+on its own; `posterior.npz` has correlated numbers, drawn together.
 """
 
 from mjlab.actuator import IdealPdActuatorCfg

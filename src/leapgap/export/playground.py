@@ -8,7 +8,7 @@ from leapgap.runtime.atomic_io import write_text
 SOURCE = '''\
 """A corrected robot for MuJoCo Playground 0.2: `domain_randomize` is the `randomization_fn` of a training.
 
-Each environment gets one robot of `posterior.npz`, which must lie beside this file: numbers that hang together are
+Each environment gets one robot of `posterior.npz`, which must lie beside this file: correlated numbers are
 drawn together. The environment's model must have the joints, bodies and feet of `robot.xml` by name:
 `functools.partial(domain_randomize, mj_model=env.mj_model)`. SI units.
 """

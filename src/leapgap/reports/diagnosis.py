@@ -91,44 +91,44 @@ class Report:
 
     @property
     def verdict(self) -> str:
-        """``named``, ``ambiguous``, ``unknown`` or ``none``."""
+        """``named``, ``ambiguous``, ``partly``, ``unknown`` or ``none``."""
         return self.content.verdict
 
     @property
     def sentence(self) -> str:
-        """The answer in one sentence, with numbers."""
+        """The result in one sentence, with numbers."""
         return self.content.sentence
 
     @property
     def answer(self) -> tuple[tuple[str, ...], ...]:
-        """Names of the effects that act together; several in one place cannot be separated."""
+        """Names of the identified causes, which act together; names in one group cannot be separated."""
         return self.content.answer
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """Every effect that was judged, the answer's first, then by probability."""
+        """The identified causes first, then every other effect that was judged, by probability."""
         return self.content.causes
 
     @property
     def correction(self) -> tuple[Effect, ...]:
-        """The answer as effects to simulate with, fitted on all logs."""
+        """The identified causes as effects to simulate with, fitted on all logs."""
         return self.diagnosis.correction
 
     @property
     def best(self) -> tuple[Effect, ...]:
-        """The best simulator as effects to simulate with, fitted on all logs; the answer's where none was fitted."""
+        """The best simulator as effects, fitted on all logs; the identified causes where none was fitted."""
         best = self.content.best_simulator
         return best.effects if best else self.correction
 
     @property
     def culprits(self) -> tuple[str, ...]:
-        """Joints at which the answer's effects act, where they do not act at all joints alike."""
+        """Joints at which the identified causes act, where they do not act at all joints alike."""
         at = [e.location for e in self.correction if e.places == "joints" and e.location != "all"]
         return tuple(dict.fromkeys(joint for one in at for joint in self.robot.topology.joints_at(one)))
 
     @property
     def posterior(self) -> Posterior:
-        """How surely the numbers of the answer are known together."""
+        """Joint distribution of the identified parameters."""
         fit, causes = self.diagnosis.fit, self.causes[: len(self.answer)]
         return posterior_of(self.robot, self.correction, causes, fit)
 

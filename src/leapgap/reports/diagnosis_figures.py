@@ -110,7 +110,7 @@ def closures(report: ReportContent) -> go.Figure:
         )
     )
     figure.update_layout(height=80 + 34 * len(causes), margin={"l": 170, "r": 20, "t": 10, "b": 45})
-    figure.update_xaxes(title_text="explains, % of the gap above noise")
+    figure.update_xaxes(title_text="explained gap, %")
     return figure
 
 
@@ -163,8 +163,9 @@ def gap_per_log(report: ReportContent) -> go.Figure:
             cliponaxis=False,
         )
     figure.add_hline(y=report.noise_floor, line={"color": REAL, "dash": "dot", "width": 1})
+    labels = 6 * max(map(len, names), default=0) if len(names) > 8 else 0  # many names are turned, below the bars
     figure.update_layout(
-        height=300,
+        height=300 + labels,
         barmode="group",
         margin={"l": 45, "r": 15, "t": 30, "b": 40},
         legend={"orientation": "h", "y": 1.18, "x": 0},

@@ -15,7 +15,7 @@ import numpy as np
 
 from leapgap.diagnosis.best_simulator import BestNumber
 from leapgap.diagnosis.channels import BASE_TURNS, is_logged, logged_values
-from leapgap.diagnosis.localisation import phase_names
+from leapgap.diagnosis.localisation import Place, phase_names
 from leapgap.diagnosis.next_experiment import in_noises
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.diagnosis.summary import brief
@@ -69,7 +69,7 @@ def html(
         Path(__file__).with_name("report.html"),
         figures,
         report=report,
-        loudest=list(report.where[:6]),
+        loudest=loudest(report.where)[:6],
         words=channel_words,
         title=channel_title,
         kind=kind_of(report, robot),
@@ -87,6 +87,15 @@ def html(
         segments=[segment.name for segment in logs[0].info.segments],
         judged_until=max(log.time[-1] for log in logs),
     )
+
+
+def loudest(places: Sequence[Place]) -> list[Place]:
+    """Places in their order, one of each two whose channels of left and right these logs do not separate."""
+    kept: list[Place] = []
+    for place in places:
+        if not any((one.phase, one.as_one_with) == (place.phase, place.channel) for one in kept):
+            kept.append(place)
+    return kept
 
 
 def fitted_value(causes: Sequence[Cause], quantity: str) -> str:

@@ -27,7 +27,7 @@ BARS = {
     "triples_members_named": ("named, of the detectable members of triples", 0.60, ">="),
     "parameter_error_median": ("median parameter error", 0.03, "<="),
     "coverage": ("95 % intervals that contain the truth (0.92 to 0.97)", 0.92, ">="),
-    "closure_promise_error": ("mean |promised − realised closure|", 0.05, "<="),
+    "closure_promise_error": ("mean |predicted − actual explained share|", 0.05, "<="),
     "next_experiment_resolves": ("ambiguous cases that the next experiment resolves", 0.80, ">="),
     "further_jumps_find": ("missed effects that are found with further jumps", None, ""),
     "struck_honest_mirrored": ("right answer with the true effect ablated", 0.90, ">="),
@@ -275,9 +275,9 @@ def closure(rows: Sequence[Mapping[str, Any]]) -> go.Figure:
         mode="markers",
         marker={"color": [CORRECTED if r["detectable"] else NOMINAL for r in points], "size": 9},
         showlegend=False,
-        hovertemplate="%{text}<br>promised %{x:.0f} %, realised %{y:.0f} %<extra></extra>",
+        hovertemplate="%{text}<br>predicted %{x:.0f} %, actual %{y:.0f} %<extra></extra>",
     )
-    figure.update_xaxes(range=[-5, 108], title_text="promised on held-out jumps, %")
-    figure.update_yaxes(range=[-60, 108], title_text="realised on jumps kept with the truth, %")
+    figure.update_xaxes(range=[-5, 108], title_text="predicted on held-out jumps, %")
+    figure.update_yaxes(range=[-60, 108], title_text="actual, on jumps kept with the truth, %")
     figure.update_layout(height=380, margin={"l": 60, "r": 20, "t": 20, "b": 45})
     return figure

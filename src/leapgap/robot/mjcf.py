@@ -45,9 +45,9 @@ def write_mjcf(spec: mujoco.MjSpec, path: Path) -> None:
         resolve_defaults(spec)
         if write_and_compare(without_defaults(as_xml(spec, model, path.parent)), path, model):
             path.unlink()
-            found = f"a corrected model that MuJoCo would change when it writes it ({problem})"
+            found = f"a corrected model that MuJoCo changes when it saves it ({problem})"
             do = "give each attached model a prefix, or write the model as one file"
-            raise InputError(path.name, found, "names that are unique in the whole model", do)
+            raise InputError(path.name, found, "unique names in the model", do)
 
 
 def as_xml(spec: mujoco.MjSpec, model: mujoco.MjModel, folder: Path) -> ElementTree.Element:

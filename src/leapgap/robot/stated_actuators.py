@@ -50,7 +50,7 @@ def actuators_of(
     unnamed = [joint for joint in joints if not model.joint(joint).name]
     if unnamed:
         bodies = ", ".join(model.body(model.jnt_bodyid[joint]).name or "(no name)" for joint in unnamed)
-        raise InputError(where, f"joints without a name, of the bodies {bodies}", "a name for each joint", "name them")
+        raise InputError(where, f"unnamed joints of the bodies {bodies}", "a name for each joint", "name them")
     at_joint: dict[int, list[int]] = {joint: [] for joint in joints}
     for actuator in range(model.nu):
         at_joint[joint_of(model, actuator, where)].append(actuator)
