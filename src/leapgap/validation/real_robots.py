@@ -63,7 +63,7 @@ class RealCase:
     effects: list[str] = field(default_factory=list)
     """Effects that are looked for; empty: those of the settings."""
     half_edge_m: float | None = None
-    """Of a body that was tossed: half of its edge, by which errors of its position are divided in ``toss_loss``."""
+    """Of a body that was tossed: half of its edge, by which ``toss_loss`` divides squared errors of its position."""
 
 
 @dataclass(frozen=True)
@@ -210,23 +210,23 @@ def refusal(case: RealCase, raw: Path, where: str) -> dict[str, Any]:
 
 
 def toss_loss(model: Path, logs: Sequence[Log], half_edge_m: float) -> float:
-    """Mean over tosses of a free body of squared errors of position, in half edges, and of angle, rad.
+    """Mean over tosses of a free body of its squared error of position over half an edge, m, and of angle, rad².
 
-    Plain MuJoCo throws the body from the first row of each log, and is compared with it at all rows.
+    As its owners publish it. Plain MuJoCo throws the body from the first row of each log and is compared at all rows.
     """
     loaded = mujoco.MjModel.from_xml_path(str(model))
     return float(np.mean([squared_errors(loaded, log, half_edge_m).mean() for log in logs]))
 
 
 def squared_errors(model: mujoco.MjModel, log: Log, half_edge_m: float) -> np.ndarray:
-    """Squared errors of position, in half edges, and of angle, rad, together; (rows,)."""
+    """Squared errors of position, over half an edge, and of angle, together; (rows,)."""
     pose, speed = log.stack((*BASE_POSITION, *BASE_QUATERNION)), log.stack((*BASE_VELOCITY, *BASE_ANGULAR_VELOCITY))
     data, turn, found = mujoco.MjData(model), np.zeros(3), np.zeros(len(log))
     data.qpos[:7], data.qvel[:6] = pose[0], speed[0]
     for row, (time, at) in enumerate(zip(log.time - log.time[0], pose, strict=True)):
         mujoco.mj_step(model, data, nstep=round(time / model.opt.timestep) - round(data.time / model.opt.timestep))
         mujoco.mju_subQuat(turn, at[3:], data.qpos[3:7])
-        found[row] = (np.square(at[:3] - data.qpos[:3]).sum() / half_edge_m**2) + turn @ turn
+        found[row] = (np.square(at[:3] - data.qpos[:3]).sum() / half_edge_m) + turn @ turn
     return found
 
 
