@@ -102,7 +102,7 @@ def logged_motion(log: Log, robot: Robot) -> Motion:
                     part[:, axis] = log[column]
     check_joints_are_logged(log, robot)
     motion.qpos[:, robot.joint_qpos] = log.per_joint("joint_pos", robot.joints)
-    if f"joint_vel/{robot.joints[0]}" in log:
+    if all(f"joint_vel/{joint}" in log for joint in robot.joints):
         motion.qvel[:, robot.joint_dofs] = log.per_joint("joint_vel", robot.joints)
     return motion
 
