@@ -2,7 +2,8 @@
 
 The import files of a source are copied to data/raw, and `dvc update` fetches what they name. Files that are there
 stay as they are. It needs a network; without one nothing changes, and the exit code is 2. Sources: a1_hardware (the
-published jumps, the default), and acrobot, go2_in_air, ricmonk for `make robots`.
+published jumps, the default), and for `make robots` acrobot, go2_in_air, ricmonk, so101_sage, cube_tosses,
+cassie_landings.
 
 Examples:
 

@@ -8,7 +8,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from leapgap.logs.importers import log_format
 from leapgap.logs.importers.base import LogFormat
-from leapgap.validation.real_robots import RealCase, is_here
+from leapgap.validation.real_robots import RealCase, absent
 from stages.common import CONF, read_config, read_each
 
 
@@ -27,13 +27,14 @@ class RobotsSettings:
 
 def cases_here(config: DictConfig, raw: Path) -> dict[str, RealCase]:
     """The cases whose files are there, by name; the others are said."""
-    found = read_each(RealCase, config.robots.cases, "robots.cases")
-    for name, case in found.items():
-        if not is_here(case, raw):
-            absent = case.robot if (raw / case.source).exists() else case.source
-            source = Path(case.source).parts[0]
-            print(f"{name}: no files in {raw / absent}, left out; python -m stages.fetch {source} brings them")
-    return {name: case for name, case in found.items() if is_here(case, raw)}
+    here = {}
+    for name, case in read_each(RealCase, config.robots.cases, "robots.cases").items():
+        why = absent(case, raw)
+        if why is None:
+            here[name] = case
+        else:
+            print(f"{name}: left out: {why}")
+    return here
 
 
 def importer(name: str) -> tuple[LogFormat, Any]:

@@ -4,9 +4,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from leapgap import effects
 from leapgap.errors import InputError
 from leapgap.jumping.task import ContactSchedule
+from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.pair_force import per_pair
+from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
 from leapgap.robot.kinematics import feet_in_world, joint_torque_to_foot_force
 from leapgap.robot.model import Robot
 from leapgap.robot.terrain import Box
@@ -113,6 +116,27 @@ def test_models_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="no actuator at a_b"):
         Robot.load(tmp_path / "idle.xml")
+
+
+def test_a_free_body_without_motors_loads_and_has_no_effects_of_joints(tmp_path: Path) -> None:
+    """Its log needs a pose alone; that of a robot without commands, or without the base's place, is refused."""
+    floor = "<geom type='plane' size='0 0 1'/>"
+    path = tmp_path / "ball.xml"
+    path.write_text(
+        f"<mujoco><worldbody>{floor}<body><freejoint/><geom name='ball' size='0.1'/></body></worldbody></mujoco>"
+    )
+    ball = Robot.load(path)
+    assert (ball.joints, ball.feet, ball.is_free_body) == ((), ("ball",), True)
+    there = {name for name, kind in effects.known().items() if kind.lacks(ball) is None}
+    assert {"foot_friction", "payload"} <= there
+    assert not there & {"joint_friction", "armature", "motor_lag", "command_delay", "position_gain", "leg_mass"}
+    pose = dict.fromkeys((*BASE_POSITION, *BASE_QUATERNION), np.full(3, 0.5))
+    info = LogInfo("ball", 0.01, "by hand")
+    log = Log("toss", {"time": np.arange(3.0), **pose}, info)
+    assert log.joints == () and log.per_joint("joint_pos", ball.joints).shape == (3, 0)
+    for columns in ({}, {**pose, "joint_pos/hinge": np.ones(3)}):
+        with pytest.raises(InputError, match="no column cmd_tau"):
+            Log("toss", {"time": np.arange(3.0), **columns}, info)
 
 
 def test_a_phase_holds_its_first_instant_and_not_its_last() -> None:

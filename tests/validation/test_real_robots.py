@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,17 +18,22 @@ from leapgap.diagnosis.report import Cause, ParameterEstimate
 from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
+from leapgap.logs.log import Log, LogInfo
+from leapgap.reports.diagnosis import diagnose_logs
 from leapgap.reports.real_robots import corrected_by, judge
+from leapgap.robot.model import Robot
 from leapgap.runtime.cache import ResultCache
 from leapgap.validation.real_robots import (
     PublishedPush,
     RealCase,
+    absent,
     compare_pushes,
     is_expected,
-    is_here,
     outcome_of,
     published_pushes,
     read_case,
+    refusal,
+    toss_loss,
 )
 from tests.code import ROOT
 
@@ -69,11 +75,68 @@ def test_a_case_without_a_published_answer_is_neither_right_nor_false() -> None:
 
 def test_a_case_is_left_out_where_its_files_are_absent(tmp_path: Path) -> None:
     case = RealCase("acrobot", "logs", "robot.xml", "nothing", {}, False, None)
-    assert not is_here(case, tmp_path)
+    assert "no files in" in str(absent(case, tmp_path)) and "stages.fetch logs" in str(absent(case, tmp_path))
     (tmp_path / "logs").mkdir()
-    assert not is_here(case, tmp_path)
+    assert "robot.xml" in str(absent(case, tmp_path))
     (tmp_path / "robot.xml").write_text("<mujoco/>")
-    assert is_here(case, tmp_path) and not is_here(replace(case, source="others"), tmp_path)
+    assert absent(case, tmp_path) is None
+    assert "no files in" in str(absent(replace(case, source="others"), tmp_path))
+    assert absent(replace(case, robot="package:leapgap/validation/cube.xml"), tmp_path) is None
+    lacking = str(absent(replace(case, robot="package:no_such_package/robot.xml"), tmp_path))
+    assert "pip install --no-deps no-such-package" in lacking and "\n" not in lacking
+
+
+def test_an_answer_without_what_a_motion_was_made_for_is_not_right() -> None:
+    content = SimpleNamespace(
+        causes=(cause("joint_friction", torque_nm=0.5),),
+        answer=(("joint_friction",),),
+        closure_of_answer=None,
+        verdict="named",
+        gap_nominal=1.0,
+        headline=SimpleNamespace(horizon_s=None),
+        gap_per_log={},
+    )
+    case = RealCase("arm", "logs", "robot.xml", "friction", FRICTION, False, None, asked=["joint_friction"])
+    assert outcome_of(case, content, 1.0)["right"]
+    row = outcome_of(replace(case, asked=["joint_play"]), content, 1.0)
+    assert not row["right"] and not row["false_name"]
+
+
+BALL = """
+<mujoco><worldbody><body name="rod"><joint type="ball"/><geom size="0.1"/></body></worldbody></mujoco>"""
+
+
+def test_a_model_that_is_refused_has_a_row_with_the_reason(tmp_path: Path) -> None:
+    """Once such a model loads, the case has to say how its logs are imported."""
+    case = RealCase(None, "logs", "robot.xml", "heights", {}, False, None)
+    (tmp_path / "robot.xml").write_text(BALL)
+    row = refusal(case, tmp_path, "robots.cases.rod")
+    assert (row["verdict"], row["right"], row["false_name"]) == ("refused", None, False)
+    assert "ball joints of the bodies rod" in row["reason"]
+    (tmp_path / "robot.xml").write_text(ARM)
+    with pytest.raises(InputError, match=r"^robots\.cases\.rod\.import_logs: found null"):
+        refusal(case, tmp_path, "robots.cases.rod")
+
+
+def toss(shift_m: float = 0.0, turn_rad: float = 0.0) -> Log:
+    """A cube in flight by the laws of motion, turning about its upright axis; shifted and turned after its start."""
+    time = np.arange(30) / 148
+    angle, after = 2.0 * time, time > 0
+    place = np.column_stack([0.3 * time, 0 * time, 1 + 0.5 * time - 0.5 * 9.81 * time**2]) + shift_m * after[:, None]
+    half = (angle + turn_rad * after) / 2
+    columns = dict(zip(("base_pos_x", "base_pos_y", "base_pos_z"), place.T, strict=True))
+    columns |= {"base_quat_w": np.cos(half), "base_quat_x": 0 * time, "base_quat_y": 0 * time}
+    columns |= {"base_quat_z": np.sin(half), "base_linvel_x": 0 * time + 0.3, "base_linvel_y": 0 * time}
+    columns |= {"base_linvel_z": 0.5 - 9.81 * time, "base_angvel_x": 0 * time, "base_angvel_y": 0 * time}
+    columns |= {"base_angvel_z": 0 * time + 2.0, "time": time}
+    return Log("toss", columns, LogInfo("cube", 1 / 148, "by hand"))
+
+
+@pytest.mark.parametrize(("shift", "turn", "expected"), [(0.0, 0.0, 0.0), (0.1, 0.0, 0.03 / 0.0524), (0.0, 0.4, 0.16)])
+def test_the_loss_of_tosses_is_that_of_place_and_angle(shift: float, turn: float, expected: float) -> None:
+    """A thirtieth of the rows is the start. MuJoCo's steps do not meet the rows exactly."""
+    model = Path(find_spec("leapgap.validation").submodule_search_locations[0]) / "cube.xml"
+    assert toss_loss(model, [toss(shift, turn)], 0.0524) == pytest.approx(29 / 30 * expected, rel=0.03, abs=5e-4)
 
 
 def test_a_case_after_another_is_judged_against_the_robot_that_was_corrected_there(tmp_path: Path) -> None:
@@ -160,6 +223,28 @@ def test_a_finished_case_is_kept_and_a_changed_one_is_diagnosed_again(
     assert capsys.readouterr().out.splitlines()[0].startswith("arm: right."), "nothing was diagnosed"
     judge(cache, "arm", case, raw, source, replace(settings, bootstrap_draws=21), {})
     assert not capsys.readouterr().out.splitlines()[0].startswith("arm: right."), "a new setting was not looked at"
+
+
+@pytest.mark.long  # a diagnosis
+def test_the_friction_of_a_tossed_cube_is_found(tmp_path: Path) -> None:
+    """Plain MuJoCo tosses the cube with half of the file's friction, 148 rows a second; it has no motor to command."""
+    path = Path(find_spec("leapgap.validation").submodule_search_locations[0]) / "cube.xml"
+    model, period, logs = mujoco.MjModel.from_xml_path(str(path)), 0.007, []
+    model.geom_friction[:, 0] = 0.25
+    names = [f"base_pos_{axis}" for axis in "xyz"] + [f"base_quat_{axis}" for axis in "wxyz"]
+    names += [f"base_linvel_{axis}" for axis in "xyz"] + [f"base_angvel_{axis}" for axis in "xyz"]
+    for number in range(4):
+        rng, data, rows = np.random.default_rng(number), mujoco.MjData(model), []
+        data.qpos[2], data.qvel[:] = 0.15, [*rng.uniform(0.5, 1.0, 2), 0.3, *rng.uniform(-4, 4, 3)]
+        for _ in range(100):
+            rows.append([*data.qpos, *data.qvel])
+            mujoco.mj_step(model, data, nstep=7)
+        columns = {"time": period * np.arange(100), **dict(zip(names, np.array(rows).T, strict=True))}
+        logs.append(Log(f"toss_{number}", columns, LogInfo("cube", period, "by hand")))
+    settings = Settings(effects=["foot_friction"], best=False, bootstrap_draws=20, noise_draws=1)
+    report = diagnose_logs(logs, Robot.load(path), settings).content
+    assert report.answer[0] == ("foot_friction",)
+    assert report.causes[0].parameters["mu"].value == pytest.approx(0.25, abs=0.05)
 
 
 def pushes_of(folder: Path) -> list[PublishedPush]:

@@ -150,7 +150,7 @@ def not_judged(judged: JudgedLogs) -> list[str]:
     """What could not be judged, in words: columns that some log lacks, and rows that are left out."""
     robot, logs = judged.robot, [states.log for states in judged.whole]
     wanted = [channel.name for channel in state_channels(robot) if channel.name.startswith("base_")]
-    wanted += [f"{quantity}/{robot.joints[0]}" for quantity in ("joint_pos", "joint_vel", "tau")]
+    wanted += [f"{quantity}/{joint}" for quantity in ("joint_pos", "joint_vel", "tau") for joint in robot.joints[:1]]
     wanted += ["imu_acc_z", "supply_voltage"]
     lacking = [name for name in wanted if not all(is_logged(log, name) for log in logs)]
     meaning = {

@@ -268,6 +268,8 @@ class Effect(ABC):
         """What a robot lacks for this effect to exist on it, in words; None where it lacks nothing."""
         if (cls.needs_base or cls.places == "feet") and not robot.has_free_base:
             return "a free base"
+        if (cls.places == "joints" or cls.needs_motor) and not robot.joints:
+            return "joints"
         return "feet" if cls.places == "feet" and not robot.feet else None
 
     @classmethod

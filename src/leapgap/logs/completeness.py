@@ -68,8 +68,9 @@ def copies_in_words(columns: Columns, rows: np.ndarray) -> str:
 
 
 def check_commands(columns: Columns, joints: Sequence[str], where: str) -> None:
-    """Commands and gains of every joint."""
-    if not joints:
+    """Commands and gains of every joint; the log of a free body, whose pose it has, needs none."""
+    free = set(BASE_POSITION) | set(BASE_QUATERNION) <= set(columns) and not any("/" in name for name in columns)
+    if not joints and not free:
         raise InputError(where, "no column cmd_tau/<joint>", "commands of every joint", "log the commands")
     for quantity in COMMANDS:
         missing = [joint for joint in joints if f"{quantity}/{joint}" not in columns]

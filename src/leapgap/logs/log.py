@@ -154,7 +154,7 @@ class Log:
 
     def stack(self, columns: Sequence[str]) -> np.ndarray:
         """Several columns side by side, shape (rows, len(columns))."""
-        return np.stack([self[column] for column in columns], axis=-1)
+        return np.stack([self[column] for column in columns], axis=-1) if len(columns) else np.empty((len(self), 0))
 
     def per_joint(self, quantity: str, joints: Sequence[str] | None = None) -> np.ndarray:
         """``quantity/<joint>`` of all joints in order, shape (rows, joints); cached, hence read-only."""

@@ -95,7 +95,7 @@ def logged_motion(log: Log, robot: Robot) -> Motion:
                 if column in log:
                     part[:, axis] = log[column]
     motion.qpos[:, robot.joint_qpos] = log.per_joint("joint_pos", robot.joints)
-    if f"joint_vel/{robot.joints[0]}" in log:
+    if all(f"joint_vel/{joint}" in log for joint in robot.joints):
         motion.qvel[:, robot.joint_dofs] = log.per_joint("joint_vel", robot.joints)
     return motion
 

@@ -2,7 +2,8 @@
 
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,12 @@ from typing import Any
 from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.logs.importers.base import LogFormat
+from leapgap.logs.log import Log
 from leapgap.reports.diagnosis import CORRECTED, REPORT, diagnose_logs
 from leapgap.runtime.atomic_io import read_json, write_json
 from leapgap.runtime.cache import ResultCache, result_key
 from leapgap.simulation.corrected import MODEL
-from leapgap.validation.real_robots import RealCase, outcome_of, published_pushes, read_case
+from leapgap.validation.real_robots import RealCase, outcome_of, published_pushes, read_case, refusal, toss_loss
 
 ROW = ".json"
 """Ending of the file with the row of a case, beside the folder of its report."""
@@ -38,10 +40,14 @@ def judge_all(
     for name in cases:
         cache.expect(name)
     cache.sweep()
-    return {
-        name: judge(cache, name, case, raw, importer(case.import_logs), settings, pushes.get(name, {}))
-        for name, case in cases.items()
-    }
+    rows: dict[str, Mapping[str, Any]] = {}
+    for name, case in cases.items():
+        if case.import_logs is None:
+            rows[name] = refusal(case, raw, f"robots.cases.{name}")
+            print(f"{name}: refused. {rows[name]['reason']}", flush=True)
+        else:
+            rows[name] = judge(cache, name, case, raw, importer(case.import_logs), settings, pushes.get(name, {}))
+    return rows
 
 
 def judge(
@@ -58,6 +64,7 @@ def judge(
         corrected = corrected_by(case, cache.folder, name)
         robot, logs = read_case(case, raw, *source, Path(models), corrected)
         published = published_pushes(raw / case.source, pushes)
+        settings = replace(settings, effects=case.effects) if case.effects else settings
         key = result_key(diagnose_logs, [case, robot, logs, settings, published])
         if cache.get(name, key) is None:
             begin = time.perf_counter()
@@ -65,12 +72,20 @@ def judge(
             outcome = outcome_of(case, report.content, time.perf_counter() - begin, published)
             with cache.store(name, key) as folder:
                 report.save(folder / name)
+                if case.half_edge_m is not None:
+                    outcome["loss"] = losses(robot.path, folder / name / CORRECTED / MODEL, logs, case.half_edge_m)
                 write_json(folder / f"{name}{ROW}", outcome)
     row = read_json(cache.folder / f"{name}{ROW}")
     verdict = "right" if row["right"] else "FALSE NAME" if row["false_name"] else "missed"
     sentence = read_json(cache.folder / name / REPORT)["sentence"]
     print(f"{name}: {'not judged' if case.expected is None else verdict}. {sentence}", flush=True)
     return row
+
+
+def losses(nominal: Path, corrected: Path, logs: Sequence[Log], half_edge_m: float) -> dict[str, float]:
+    """``toss_loss`` of the nominal model, and of the corrected one where there is one."""
+    models = {"nominal": nominal, "corrected": corrected}
+    return {name: toss_loss(path, logs, half_edge_m) for name, path in models.items() if path.is_file()}
 
 
 def corrected_by(case: RealCase, folder: Path, name: str) -> Path | None:

