@@ -156,7 +156,7 @@ REFUSED: dict[str, tuple[str, str]] = {
     "no motor": (mjcf(rest=""), "no actuator at j"),
     "unnamed joints": (
         mjcf(body('name="arm"', "") + body("", ""), ""),
-        "joints without a name, of the bodies arm, (no name)",
+        "unnamed joints of the bodies arm, (no name)",
     ),
     "two of one name": (mjcf(LINK + LINK), "no valid MuJoCo model"),
     "motor of nothing": (mjcf(rest='<actuator><motor joint="k"/></actuator>'), "no valid MuJoCo model"),

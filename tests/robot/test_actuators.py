@@ -189,7 +189,7 @@ def test_actuators_that_no_log_commands_are_refused_by_name(
 def test_joints_without_a_name_and_loose_bodies_are_refused(tmp_path: Path) -> None:
     path = arm(tmp_path, "<motor joint='elbow'/>")
     path.write_text(path.read_text().replace('<joint name="shoulder"', "<joint"))
-    with pytest.raises(InputError, match="joints without a name, of the bodies upper"):
+    with pytest.raises(InputError, match="unnamed joints of the bodies upper"):
         Robot.load(path)
     path = arm(tmp_path, "<motor joint='elbow'/>")
     ball = '<body name="ball"><freejoint/><geom size="0.1"/></body></worldbody>'

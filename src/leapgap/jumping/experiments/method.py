@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 
 import numpy as np
 
@@ -16,6 +17,17 @@ from leapgap.robot.model import Robot
 
 References = Mapping[Target, Log]
 """Plans from level ground, by their targets."""
+
+
+class PlanSource(Enum):
+    """Which robot a method's jumps are planned for."""
+
+    own = "own"
+    """The robot as its model file describes it, without any correction."""
+    published = "published"
+    """The planar robot of the published planner."""
+    corrected = "corrected"
+    """The robot that a diagnosis corrected."""
 
 
 @dataclass(frozen=True)

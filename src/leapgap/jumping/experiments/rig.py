@@ -3,7 +3,6 @@
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import Enum
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -13,7 +12,7 @@ from leapgap.jumping.control.mpc_config import MpcConfig
 from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS
 from leapgap.jumping.experiments.learned_config import LearnedMpcConfig
-from leapgap.jumping.experiments.method import Method, References, crouch
+from leapgap.jumping.experiments.method import Method, PlanSource, References, crouch
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.experiments.training_jumps import PracticeConfig
 from leapgap.jumping.learning.windows import TimeGrid
@@ -26,17 +25,6 @@ from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import read_corrected
-
-
-class PlanSource(Enum):
-    """Which robot a method's jumps are planned for."""
-
-    own = "own"
-    """The robot as its model file describes it, without any correction."""
-    published = "published"
-    """The planar robot of the published planner."""
-    corrected = "corrected"
-    """The robot that a diagnosis corrected."""
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,12 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from leapgap.jumping.experiments.method import Method
-from leapgap.jumping.experiments.rig import LandSettings, Rig
+
+if TYPE_CHECKING:  # so that jumps are collected without the rig of landings
+    from leapgap.jumping.experiments.rig import LandSettings, Rig
 
 
 @dataclass(frozen=True)
@@ -18,12 +20,12 @@ class MethodSettings(ABC):
 
     name: ClassVar[str]
 
-    def check(self, name: str, settings: LandSettings) -> None:
+    def check(self, name: str, settings: "LandSettings") -> None:
         """Raise an ``InputError`` where the settings cannot work, before anything is run; ``name`` is the method's."""
         del name, settings
 
     @abstractmethod
-    def prepare(self, name: str, rig: Rig) -> Method | None:
+    def prepare(self, name: str, rig: "Rig") -> Method | None:
         """Train the method on one simulated robot, where it needs that, and return it.
 
         Where an input is missing, one line is printed and None returned; the method is then left out.

@@ -1,13 +1,16 @@
 """Joint PD with the torques of the plan as feed-forward: the baseline of all methods."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JointPd, JumpController
-from leapgap.jumping.experiments.method import Method, shift_target
+from leapgap.jumping.experiments.method import Method, PlanSource, shift_target
 from leapgap.jumping.experiments.methods.base import MethodSettings
-from leapgap.jumping.experiments.rig import LandSettings, PlanSource, Rig
 from leapgap.jumping.experiments.tasks import JumpTask
+
+if TYPE_CHECKING:  # so that jumps are collected without the rig of landings
+    from leapgap.jumping.experiments.rig import LandSettings, Rig
 
 
 @dataclass(frozen=True)
@@ -33,11 +36,11 @@ class JointPdSettings(MethodSettings):
 
     plans: PlanSource = PlanSource.own
 
-    def check(self, name: str, settings: LandSettings) -> None:
+    def check(self, name: str, settings: "LandSettings") -> None:
         """Refuse settings that lack the inputs of these plans."""
         settings.check_plans(self.plans)
 
-    def prepare(self, name: str, rig: Rig) -> Method | None:
+    def prepare(self, name: str, rig: "Rig") -> Method | None:
         """Joint PD along the plans; it needs no training."""
         plans = rig.plans(self.plans)
         return None if plans is None else JointPdMethod(rig.robot, plans.references)

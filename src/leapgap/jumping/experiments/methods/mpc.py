@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -14,15 +14,17 @@ from leapgap.jumping.control.mpc_controller import JumpMpc
 from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.landing_model import LandingSamples
-from leapgap.jumping.experiments.method import Method
+from leapgap.jumping.experiments.method import Method, PlanSource
 from leapgap.jumping.experiments.methods.base import MethodSettings
-from leapgap.jumping.experiments.rig import LandSettings, PlanSource, Rig
 from leapgap.jumping.experiments.tasks import JumpTask
 from leapgap.jumping.learning.windows import Purpose
 from leapgap.jumping.models.affine_model import PredictionModel
 from leapgap.jumping.models.deviation_model import DeviationModel
 from leapgap.jumping.models.rigid_body_model import RigidBodyModel
 from leapgap.logs.log import Log
+
+if TYPE_CHECKING:  # so that jumps are collected without the rig of landings
+    from leapgap.jumping.experiments.rig import LandSettings, Rig
 
 
 @dataclass(frozen=True)
@@ -76,12 +78,12 @@ class NominalMpcSettings(MethodSettings):
     """Steps of the MPC: a key of ``land.grids``."""
     plans: PlanSource = PlanSource.own
 
-    def check(self, name: str, settings: LandSettings) -> None:
+    def check(self, name: str, settings: "LandSettings") -> None:
         """Refuse an unknown grid, or plans without their inputs."""
         settings.check_plans(self.plans)
         settings.grid(self.grid, name)
 
-    def prepare(self, name: str, rig: Rig) -> Method | None:
+    def prepare(self, name: str, rig: "Rig") -> Method | None:
         """The MPC with the nominal rigid body; it needs no training."""
         plans = rig.plans(self.plans)
         if plans is None:
@@ -102,13 +104,13 @@ class LearnedMpcSettings(MethodSettings):
     """Folder of stage train: a key of ``land.models``."""
     plans: PlanSource = PlanSource.own
 
-    def check(self, name: str, settings: LandSettings) -> None:
+    def check(self, name: str, settings: "LandSettings") -> None:
         """Refuse an unknown grid or folder, or plans without their inputs."""
         settings.check_plans(self.plans)
         settings.grid(self.grid, name)
         settings.folder(self.models, name)
 
-    def prepare(self, name: str, rig: Rig) -> Method | None:
+    def prepare(self, name: str, rig: "Rig") -> Method | None:
         """Read the exported model; without one the method is left out."""
         plans = rig.plans(self.plans)
         if plans is None:
