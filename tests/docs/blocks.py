@@ -27,7 +27,7 @@ NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
 NEAR = 0.1
 """Share by which a printed number may differ from that of the page."""
 COMMANDS = ("dvc", "git", "leapgap", "make", "mkdocs", "pip", "pytest", "python", "python3", "rerun")
-FENCE = re.compile(r"(?P<indent>[ \t]*)(?P<fence>`{3,}|~{3,})\s*(?P<language>[\w+-]*)")
+FENCE = re.compile(r"(?P<indent>[ \t]*)(?P<fence>`{3,}|~{3,})\s*(?:\{\s*\.)?(?P<language>[\w+-]*)")
 NOT_RUN = re.compile(r"\s*<!--\s*not run:(?P<reason>.*?)-->\s*")
 SECONDS = 300
 """A block that takes longer than a reader would wait has failed."""

@@ -103,7 +103,7 @@ def logged_motion(log: Log, robot: Robot) -> Motion:
 def check_logged(log: Log, robot: Robot) -> None:
     """Raise ``InputError`` for a log without what replays begin from: positions of all joints, attitude of a base."""
     missing = [joint for joint in robot.joints if f"joint_pos/{joint}" not in log]
-    if len(missing) == len(robot.joints):
+    if missing and len(missing) == len(robot.joints):
         expected = f"joints of {robot.name}: {', '.join(robot.joints)}"
         raise InputError(log.name, f"positions of none of its joints (robot {log.info.robot})", expected, "log them")
     if missing:

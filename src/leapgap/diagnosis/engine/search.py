@@ -134,7 +134,7 @@ class Search:
 
         Where much is left unexplained, the search is made once more: of a robot with feet from references that allow
         for wrong zeros of its joints, of others from all effects together, and on from what these find. The
-        likelier of both answers stays.
+        other answer stays where it is likelier by all logs, and by those that each fold was not fitted on.
         """
         start = self.judge(self.bench.nominal())
         answer, other = self.ascend(start), start
@@ -142,7 +142,8 @@ class Search:
             other = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD)), replay=True)
         elif answer.unnamed > MUCH:
             other = replace(self, most=MOST_TOGETHER).ascend(self.together(answer))
-        answer = other if other.members and other.evidence > answer.evidence else answer
+        likelier = other.evidence > answer.evidence and other.worth > answer.worth
+        answer = other if other.members and likelier else answer
         return start, self.linearised_about(answer) if answer.members and answer.unnamed > SOME else answer
 
     def ascend(self, now: Found, replay: bool = False) -> Found:

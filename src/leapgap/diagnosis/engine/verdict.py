@@ -121,11 +121,12 @@ class Rival:
 def rivals_of(search: Search, found: Found, member: int) -> list[Rival]:
     """The likeliest effects in place of a member, the best first: those that were replayed, and by columns the others.
 
-    None of them is another place of the same effect.
+    None of them is another place of the same effect, nor one that has joined the set since.
     """
     own = found.members[member]
     near = [Rival(one.members[-1], found.evidence - one.evidence) for one in search.in_place_of(found, member)]
-    replayed = [Rival(h, loss) for label, h, loss in found.rivals if label == own.label]
+    members = {h.name for h in found.members}
+    replayed = [Rival(h, loss) for label, h, loss in found.rivals if label == own.label and h.name not in members]
     others = [rival for rival in (*near, *replayed) if rival.hypothesis.name != own.name]
     return sorted(others, key=lambda rival: rival.loss)
 
