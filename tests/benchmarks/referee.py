@@ -33,7 +33,7 @@ from leapgap.logs.log import Log, read_logs, write_log
 from leapgap.robot.model import DEFAULT_MODEL
 from leapgap.runtime.atomic_io import write_json
 from leapgap.validation.owners.cases import OwnersCase, Plan, draw_errors, logged
-from leapgap.validation.owners.plant import Drive, build
+from leapgap.validation.owners.plant import OwnersDrive, build
 from leapgap.validation.owners.robots import ROBOTS
 from tests import plain_arm
 from tests.benchmarks import run_benchmark
@@ -203,7 +203,7 @@ def owned(rng: np.random.Generator, folder: Path, changes: bool, name: str) -> d
     file, robot, errors_of = OWNERS[name]
     actuators = mujoco.MjSpec.from_file(str(file)).actuators
     limit = np.array([max(np.abs(a.ctrlrange).max(), np.abs(a.forcerange).max()) for a in actuators])
-    drive, wear = Drive(np.array(robot.kp), np.array(robot.kd), limit), int(rng.integers(2**31))
+    drive, wear = OwnersDrive(np.array(robot.kp), np.array(robot.kd), limit), int(rng.integers(2**31))
     nominal, kinds = build(file, drive), OWNED[: 4 if robot.walks else 6]
     plans = [Plan.draw(robot, nominal, rng) for _ in range(2 * LOGS)]
     drawn = tuple(rng.permutation(kinds)[: int(rng.integers(2, 4))].tolist())
