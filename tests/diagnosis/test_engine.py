@@ -15,7 +15,7 @@ from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.engine.evidence import posterior_of
 from leapgap.diagnosis.engine.intervals import Intervals
 from leapgap.diagnosis.engine.responses import Columns, Displacements
-from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks, Filter, linearise, motion_of, touching
+from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks, Filter, linearise, touching
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.settings import Settings
@@ -102,7 +102,7 @@ def test_derivatives_tell_what_they_miss(arm: tuple[Robot, Intervals]) -> None:
         root[0] @ root[0].T, abs=1e-12
     )
     bent = starts[:, :1] + 0.5 * starts[:, :1] ** 2
-    reached = motion_of(np.concatenate([bent, starts[:, 1:]], axis=1), robot)
+    reached = Motion.of_states(np.concatenate([bent, starts[:, 1:]], axis=1), robot.model.nq)
     by_state, by_force, missed = own.derivatives(reached, robot)
     assert by_state[0] == pytest.approx(np.eye(2 * nv), abs=1e-9)
     assert by_force == pytest.approx(0.0, abs=1e-9)

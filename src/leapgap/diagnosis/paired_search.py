@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from leapgap.diagnosis.engine.evidence import Whitened, posterior_of
+from leapgap.diagnosis.engine.evidence import Posterior, Whitened
 from leapgap.diagnosis.engine.intervals import Intervals
 from leapgap.diagnosis.engine.points import ABSENT, Acting, Basis, Bench, Point, prior_of
 from leapgap.diagnosis.engine.responses import Columns
@@ -140,23 +140,12 @@ class PairedBench(Bench):
 class PairedSearch(Search):
     """A search on two sets of logs in which errors that both share cancel."""
 
-    def judge(self, point: Point, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> Found:
-        """What the logs say of a set; each fold is told by the others what the model is wrong by in all logs."""
-        priors, first = point.priors(further, without), point.nuisances
-        evidence = point.evidence_with(further).at_best_levels(*priors)
-        whole, (gram, constant) = evidence.posterior(*priors), evidence.total()
-        of_folds = evidence.of_each(self.folds[evidence.blocks.log])
-        rest = [posterior_of(gram - own, constant - own_constant, *priors) for own, own_constant in of_folds]
-        at = np.concatenate([np.zeros(0), *(n for _, n in point.acting), *(h.nominal for h in further)])
-        return Found(
-            replace(point, evidence=replace(point.evidence, levels=evidence.levels)),
-            (*(h for h, _ in point.acting), *further),
-            at + whole.mean[first:],
-            whole.covariance[first:, first:],
-            at + np.array([told.mean[first:] for told in rest]),
-            whole.evidence,
-            sum(whole.evidence - told.evidence for told in rest),
-        )
+    def predicted(
+        self, gram: np.ndarray, constant: float, nuisances: np.ndarray, rest: Posterior, whole: Posterior
+    ) -> float:
+        """Log probability of a fold by the rest, which tells as well what the model is wrong by in all logs, nats."""
+        del gram, constant, nuisances
+        return whole.evidence - rest.evidence
 
     def without_idle(self, found: Found) -> Found:
         """The set without differences that the others have made needless; what acts in all logs stays."""

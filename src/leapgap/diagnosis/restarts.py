@@ -62,7 +62,7 @@ class RestartedReplayer:
         log, rows = trial.log, trial.log.info.rows(self.horizon_s)
         starts, _ = self.starts(trial)
         if noise is not None:
-            states = Motion(*np.split(starts.states, [self.replayer.robot.model.nq], axis=1))
+            states = Motion.of_states(starts.states, self.replayer.robot.model.nq)
             moved = displaced(states, noise, self.replayer.robot)
             starts = replace(starts, states=np.concatenate([moved.qpos, moved.qvel], axis=1))
         whole = [k for k, begin in enumerate(starts.rows) if begin + rows < len(log)]

@@ -26,6 +26,11 @@ class Motion:
     time: np.ndarray | None = None
     """(rows,), s, of rows of unequal length while effects change what is measured; None elsewhere."""
 
+    @staticmethod
+    def of_states(states: np.ndarray, nq: int) -> "Motion":
+        """The motion of states (rows, nq + nv), positions first."""
+        return Motion(*np.split(states, [nq], axis=1))
+
     def __len__(self) -> int:
         return len(self.qpos)
 

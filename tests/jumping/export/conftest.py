@@ -225,6 +225,19 @@ def run_program(program: Path, estimates: list[StateEstimate]) -> np.ndarray:
     return np.frombuffer(answer).reshape(len(estimates), -1)
 
 
+def far_from_plan(estimates: Sequence[StateEstimate], rng: np.random.Generator) -> list[StateEstimate]:
+    """The same jump pushed and turned in the air, of a robot that starts elsewhere with another heading."""
+    pushed, rate = rng.uniform(-1, 1, 3) * [0.8, 0.0, 0.8], rng.uniform(-3, 3)
+    return [
+        replace(
+            tick,
+            base_velocity=tick.base_velocity + pushed * (i > 200),
+            base_angular_velocity=tick.base_angular_velocity + np.array([0, rate * (i > 300), 0]),
+        )
+        for i, tick in enumerate(turned(estimates, rng.uniform(-3, 3)))
+    ]
+
+
 def turned(estimates: Sequence[StateEstimate], yaw: float) -> list[StateEstimate]:
     """The same jump of a robot that starts elsewhere, with another heading."""
     cosine, sine = np.cos(yaw), np.sin(yaw)

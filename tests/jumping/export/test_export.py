@@ -20,7 +20,7 @@ from leapgap.jumping.experiments.landing_feedback import LandingFeedback
 from leapgap.jumping.export.tables import tables_of
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
-from tests.jumping.export.conftest import GOAL, MEASURED, PARTS, RecordedJump, new_tracker, run_program, turned
+from tests.jumping.export.conftest import GOAL, MEASURED, PARTS, RecordedJump, far_from_plan, new_tracker, run_program
 
 CLOSE = 1e-6
 """Largest difference of a command: N·m, rad, rad/s, N."""
@@ -95,16 +95,7 @@ def test_large_disturbances_get_the_commands_of_python(
     rng = np.random.default_rng(5)
     held_back = 0
     for seed in range(4):
-        pushed = rng.uniform(-1, 1, 3) * [0.8, 0.0, 0.8]
-        rate = rng.uniform(-3, 3)
-        ticks = [
-            replace(
-                tick,
-                base_velocity=tick.base_velocity + pushed * (i > 200),
-                base_angular_velocity=tick.base_angular_velocity + np.array([0, rate * (i > 300), 0]),
-            )
-            for i, tick in enumerate(turned(jump.estimates[:820], rng.uniform(-3, 3)))
-        ]
+        ticks = far_from_plan(jump.estimates[:820], rng)
         tracker = new_tracker(robot)
         expected = python_commands(tracker, ticks)
         assert np.abs(tracker.shifts).max() > 0.03, seed

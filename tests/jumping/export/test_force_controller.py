@@ -25,7 +25,7 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate
 from tests.conftest import A1_BODY
-from tests.jumping.export.conftest import PARTS, compiled, run_program, turned
+from tests.jumping.export.conftest import PARTS, compiled, far_from_plan, run_program
 
 GAINS = PhaseGains(JointGains(100.0, 2.0), JointGains(300.0, 3.0), JointGains(100.0, 2.0))
 CONFIG = MpcConfig(
@@ -124,15 +124,7 @@ def test_limits_that_act_get_the_commands_of_python(case: Case) -> None:
     """States far from the plan, of a robot that starts elsewhere with another heading."""
     rng, acting = np.random.default_rng(5), 0
     for _ in range(4):
-        pushed, rate = rng.uniform(-1, 1, 3) * [0.8, 0.0, 0.8], rng.uniform(-3, 3)
-        ticks = [
-            replace(
-                tick,
-                base_velocity=tick.base_velocity + pushed * (i > 200),
-                base_angular_velocity=tick.base_angular_velocity + np.array([0, rate * (i > 300), 0]),
-            )
-            for i, tick in enumerate(turned(case.estimates[:820], rng.uniform(-3, 3)))
-        ]
+        ticks = far_from_plan(case.estimates[:820], rng)
         expected, _ = case.python(ticks)
         x, z = expected[:800, 60::2], expected[:800, 61::2]
         acting += int(((np.abs(np.abs(x) - 0.6 * z) < 1e-6) & (z > 1)).any(axis=1).sum())

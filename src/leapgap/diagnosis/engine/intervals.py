@@ -17,7 +17,7 @@ import mujoco.rollout
 import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
-from leapgap.diagnosis.short_rollouts import StateChannels, smooth_starts
+from leapgap.diagnosis.short_rollouts import FINE, StateChannels, smooth_starts
 from leapgap.effects.base import ACTING, Effect, overrides, overriding
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
@@ -38,8 +38,6 @@ MOST_S = 12.0
 """About how much is kept of all logs together, s."""
 LONG = 1.25
 """Intervals of more steps than this many times the usual number are replayed apart."""
-SHORT = 0.255
-"""Steps by which intervals are replayed where the usual ones miss more than sensors do, as a share of these."""
 MEMORY = 4
 """Number of intervals that a replay with states of its own (a lag, an elastic gear) lasts after its first one."""
 
@@ -70,7 +68,7 @@ class Course:
         """Segments, arrays of consecutive intervals of ``every`` rows each; references are smoothed states."""
         rows = np.concatenate([every * np.append(own, own[-1] + 1) for own in segments])
         starts, _ = smooth_starts(states.motion, rows.tolist(), states.log, channels.robot)
-        reference = Motion(*np.split(starts.states, [channels.robot.model.nq], axis=1))
+        reference = Motion.of_states(starts.states, channels.robot.model.nq)
         noise = channels.noise_in_rows(states.motion, states.log)[rows]
         close = np.zeros(sum(map(len, segments)), bool)
         return Course(states, every, tuple(map(len, segments)), rows, reference, noise, close)
@@ -172,7 +170,7 @@ class Intervals:
     @property
     def by_short_steps(self) -> "Intervals":
         """The intervals by short steps of the simulation."""
-        return replace(self, replayer=self.replayer.with_steps(SHORT * self.replayer.largest_step_s))
+        return replace(self, replayer=self.replayer.with_steps(FINE * self.replayer.largest_step_s))
 
     @cached_property
     def predicted(self) -> list[Motion]:

@@ -321,11 +321,8 @@ class Bench:
         torques.
         """
         present, forces = {h.name for h, _ in near.acting}, near.basis.linearisation.forces
-        rough, chunks, logs = (
-            rough_steps(near.intervals),
-            Chunks.of(near.intervals),
-            [own.states.log.name for own in near.intervals.courses],
-        )
+        rough, chunks = rough_steps(near.intervals), Chunks.of(near.intervals)
+        logs = [own.states.log.name for own in near.intervals.courses]
         of_logs = list(zip(on_logs(near.intervals, near.acting), logs, strict=True))
         for name, of_kind in self.kinds.items():
             everywhere = replace(of_kind, location="all")

@@ -20,8 +20,6 @@ SPREAD = np.sqrt(3.0)
 """Standard deviations by which states are displaced: that at which normal errors are met best."""
 MANY_STEPS = 16
 """Number of steps of the simulation in an interval that may be twice as long for derivatives."""
-PUSHED = 30.0
-"""Units of force by which robots without feet are differenced: what dry friction holds still moves if pushed."""
 LEAST_TORQUE = 1e-3
 """Smallest unit of force, N or N·m."""
 SHARE = 0.1

@@ -277,9 +277,8 @@ class Search:
         of_folds, (gram, constant) = evidence.of_each(self.folds[evidence.blocks.log]), evidence.total()
         for own, own_constant in of_folds:
             rest = posterior_of(gram - own, constant - own_constant, *priors)
-            told = Posterior(0.0, rest.mean[first:], rest.covariance[first:, first:])
-            held_out += predictive(own, own_constant, priors[0][:first], told)
-            folds.append(told.mean)
+            held_out += self.predicted(own, own_constant, priors[0][:first], rest, whole)
+            folds.append(rest.mean[first:])
         at = np.concatenate([np.zeros(0), *(n for _, n in point.acting), *(h.nominal for h in further)])
         return Found(
             replace(point, evidence=replace(point.evidence, levels=evidence.levels)),
@@ -290,6 +289,18 @@ class Search:
             whole.evidence,
             held_out,
         )
+
+    def predicted(
+        self, gram: np.ndarray, constant: float, nuisances: np.ndarray, rest: Posterior, whole: Posterior
+    ) -> float:
+        """Log probability of a fold, by its inner products, with numbers by the ``rest`` of the logs, nats.
+
+        ``nuisances`` are their prior deviations: no other log tells anything of them. ``whole`` is by all logs.
+        """
+        del whole
+        first = len(nuisances)
+        told = Posterior(0.0, rest.mean[first:], rest.covariance[first:, first:])
+        return predictive(gram, constant, nuisances, told)
 
     def moved(self, near: Point, acting: Acting) -> Found:
         """A set at some numbers, replayed."""

@@ -8,14 +8,14 @@ for each level of the force, and errors and columns pass through the same recurs
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
-from leapgap.diagnosis.engine.intervals import Intervals, Models, Pool, roll
-from leapgap.diagnosis.engine.responses import Displacements, Linearisation, force_units, rough_steps
-from leapgap.robot.model import Robot
+from leapgap.diagnosis.engine.intervals import Intervals, Models, Pool, PreparedIntervals, roll
+from leapgap.diagnosis.engine.responses import Displacements, Linearisation, force_units, joined, rough_steps
 from leapgap.robot.motion import Motion
 
 CORRELATION_S = 0.05
@@ -67,6 +67,10 @@ class Chunks:
         for c, (log, first, length) in enumerate(zip(self.log, self.first, self.length, strict=True)):
             found[c, :length] = of_logs[log][first : first + length]
         return found
+
+    def places(self, k: int, order: np.ndarray) -> list[tuple[int, int]]:
+        """Log and interval of the ``k``-th one of some chunks."""
+        return list(zip(self.log[order].tolist(), (self.first[order] + k).tolist(), strict=True))
 
     @property
     def valid(self) -> np.ndarray:
@@ -196,37 +200,47 @@ class Reaching:
 
     def __init__(self, intervals: Intervals, chunks: Chunks, offsets: Sequence[np.ndarray], models: Models) -> None:
         """``offsets`` are what effects with a memory add at the end of each interval, (intervals, 2 nv) a log."""
-        logs = range(len(intervals.courses))
-        self.intervals, self.chunks, self.offsets = intervals, chunks, offsets
-        self.prepared = [intervals.prepare(log, intervals.without_memory(log), models) for log in logs]
-        self.misreported = [intervals.misreported(log, intervals.without_memory(log)) for log in logs]
-        self.pool = Pool(self.prepared[0].models[0], intervals.replayer.threads)
+        self.intervals, self.chunks, self.offsets, self.models = intervals, chunks, offsets, models
+
+    @cached_property
+    def prepared(self) -> list[PreparedIntervals]:
+        """The intervals of each log, made when they are first asked for: not all robots need all lengths of steps."""
+        own = self.intervals
+        return [own.prepare(log, own.without_memory(log), self.models) for log in range(len(own.courses))]
+
+    @cached_property
+    def misreported(self) -> list[np.ndarray]:
+        """Reported − true state at the instants of each log, (instants, 2 nv)."""
+        own = self.intervals
+        return [own.misreported(log, own.without_memory(log)) for log in range(len(own.courses))]
+
+    @cached_property
+    def pool(self) -> Pool:
+        """Threads that replay together."""
+        return Pool(self.prepared[0].models[0], self.intervals.replayer.threads)
 
     def touching(self, k: int, order: np.ndarray, states: Motion) -> list[tuple[frozenset[int], bool]]:
         """Feet that press on something in a state of each chunk, and whether one barely does, or barely does not."""
         found = []
-        for c, qpos in zip(order.tolist(), states.qpos, strict=True):
-            prepared = self.prepared[self.chunks.log[c]]
-            model = prepared.models[prepared.model_of[self.chunks.first[c] + k]]
-            found.append(touching(model, self.pool.data[0], qpos))
+        for (log, interval), qpos in zip(self.chunks.places(k, order), states.qpos, strict=True):
+            prepared = self.prepared[log]
+            found.append(touching(prepared.models[prepared.model_of[interval]], self.pool.data[0], qpos))
         return found
 
     def reach(self, k: int, order: np.ndarray, starts: np.ndarray, forces: np.ndarray) -> Motion:
         """Reported states at the end of the ``k``-th interval of some chunks, from several reported starts of each."""
-        width, robot = len(starts) // len(order), self.intervals.robot
-        logs = self.chunks.log[order]
-        at = [(int(log), int(first) + k) for log, first in zip(logs, self.chunks.first[order], strict=True)]
+        width, robot, at = len(starts) // len(order), self.intervals.robot, self.chunks.places(k, order)
         begins = [(log, self.intervals.courses[log].begins[interval]) for log, interval in at]
         before, after = (
             np.repeat([self.misreported[log][begin + later] for log, begin in begins], width, axis=0)
             for later in (0, 1)
         )
         if before.any():
-            true = displaced(motion_of(starts, robot), -before, robot)
+            true = displaced(Motion.of_states(starts, robot.model.nq), -before, robot)
             starts = np.concatenate([true.qpos, true.qvel], axis=1)
         parts = [
             (self.prepared[log], np.repeat(np.array([i for g, i in at if g == log]), width))
-            for log in dict.fromkeys(logs.tolist())
+            for log in dict.fromkeys(log for log, _ in at)
         ]
         reached = roll(parts, starts, forces, self.pool)[:, 0]
         added = after + np.repeat([self.offsets[log][interval] for log, interval in at], width, axis=0)
@@ -248,21 +262,9 @@ def touching(model: mujoco.MjModel, data: mujoco.MjData, qpos: np.ndarray) -> tu
     return frozenset(pairs[deep].max(axis=1).tolist()), not deep.all()
 
 
-def motion_of(states: np.ndarray, robot: Robot) -> Motion:
-    """States (some, nq + nv) as a motion."""
-    return Motion(*np.split(states, [robot.model.nq], axis=1))
-
-
-def chosen_of(close: np.ndarray, usual: Motion | None, short: Motion | None) -> Motion:
-    """The motions of some intervals in their order: of those that are ``close`` (bool) the second ones."""
-    if usual is None or short is None:
-        found = short if usual is None else usual
-        assert found is not None
-        return found
-    qpos, qvel = (np.zeros((len(close), own.shape[1])) for own in (usual.qpos, usual.qvel))
-    for own, of in ((usual, ~close), (short, close)):
-        qpos[of], qvel[of] = own.qpos, own.qvel
-    return Motion(qpos, qvel)
+def in_order(parts: Sequence[tuple[np.ndarray, Motion]]) -> Motion:
+    """The motions of parts of some rows, each with the indices of its rows, in the order of the rows."""
+    return joined([motion for _, motion in parts])[np.argsort(np.concatenate([rows for rows, _ in parts]))]
 
 
 @dataclass
@@ -274,7 +276,7 @@ class Following:
 
     usual: Reaching
     short: Reaching
-    """By short steps."""
+    """The same intervals by short steps, for those in which a foot meets the ground or leaves it."""
 
     def __post_init__(self) -> None:
         """Lay the logs side by side, at the beginning of each chunk."""
@@ -293,36 +295,33 @@ class Following:
         on = np.flatnonzero(k < self.chunks.length)
         return on[np.argsort(self.chunks.log[on], kind="stable")]
 
-    def places(self, k: int, order: np.ndarray) -> list[tuple[int, int]]:
-        """Log and interval of the ``k``-th one of some chunks."""
-        firsts = zip(self.chunks.log[order].tolist(), self.chunks.first[order].tolist(), strict=True)
-        return [(log, first + k) for log, first in firsts]
-
-    def meet(self, k: int, order: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """Find the chunks in whose ``k``-th interval a foot meets the ground or leaves it, bool (chunks,)."""
-        close = np.zeros(len(order), bool)
+    def meet(self, k: int, order: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, Motion]:
+        """Chunks in whose ``k``-th interval a foot meets the ground or leaves it, bool, and what ``reach`` tells."""
+        reached, close = self.usual.reach(k, order, self.state[order], forces), np.zeros(len(order), bool)
         if self.intervals.robot.feet:
-            before = motion_of(self.state[order], self.intervals.robot)
-            after = self.usual.reach(k, order, self.state[order], forces)
-            pairs = zip(*(self.usual.touching(k, order, states) for states in (before, after)), strict=True)
+            before = Motion.of_states(self.state[order], self.intervals.robot.model.nq)
+            pairs = zip(*(self.usual.touching(k, order, states) for states in (before, reached)), strict=True)
             close = np.array([a[0] != b[0] or a[1] or b[1] for a, b in pairs])
-        for (log, interval), own in zip(self.places(k, order), close, strict=True):
+        for (log, interval), own in zip(self.chunks.places(k, order), close, strict=True):
             self.close[log][interval] = own
-        return close
+        usual, short = np.flatnonzero(~close), np.flatnonzero(close)
+        parts = [(usual, reached[usual])]
+        if len(short):
+            parts.append((short, self.short.reach(k, order[short], self.state[order[short]], forces[short])))
+        return close, in_order(parts)
 
     def reach(self, k: int, order: np.ndarray, forces: np.ndarray) -> Motion:
         """Reported states at the end of the ``k``-th interval of some chunks, from where these are, by its steps."""
-        close = np.array([self.close[log][interval] for log, interval in self.places(k, order)])
-        usual, short = (
-            by.reach(k, order[own], self.state[order[own]], forces[own]) if own.any() else None
-            for by, own in ((self.usual, ~close), (self.short, close))
+        close = np.array([self.close[log][interval] for log, interval in self.chunks.places(k, order)])
+        parts = [(by, np.flatnonzero(own)) for by, own in ((self.usual, ~close), (self.short, close))]
+        return in_order(
+            [(own, by.reach(k, order[own], self.state[order[own]], forces[own])) for by, own in parts if len(own)]
         )
-        return chosen_of(close, usual, short)
 
     def correct(self, k: int, order: np.ndarray, base: Motion, gain: np.ndarray) -> None:
         """Move states and forces by the gain (chunks, N, channels) times what the logs report, and keep the states."""
         own, n = self.intervals, 2 * self.nv
-        at = [(log, int(own.courses[log].begins[interval]) + 1) for log, interval in self.places(k, order)]
+        at = [(log, int(own.courses[log].begins[interval]) + 1) for log, interval in self.chunks.places(k, order)]
         seen = [own.courses[log].measured[np.array([instant])] for log, instant in at]
         measured = Motion(np.concatenate([one.qpos for one in seen]), np.concatenate([one.qvel for one in seen]))
         missed = tangent_difference(measured, base, own.robot)
@@ -339,7 +338,7 @@ class Following:
     @property
     def result(self) -> Intervals:
         """The intervals from the states that were followed."""
-        references = [motion_of(one, self.intervals.robot) for one in self.references]
+        references = [Motion.of_states(one, self.intervals.robot.model.nq) for one in self.references]
         return self.intervals.with_references(references, np.concatenate(self.forces)).with_close(self.close)
 
 
@@ -399,8 +398,7 @@ def linearised_along(
     for k in range(chunks.longest):
         order = following.chunks_at(k)
         force = following.force[order] * units
-        close = following.meet(k, order, force)
-        base = following.reach(k, order, force)
+        close, base = following.meet(k, order, force)
         full, bent = np.zeros((len(order), size, size)), np.zeros((len(order), n, n))
         full[:, of_force, of_force] = stay
         full[:, of_zeros, of_zeros] = 1
@@ -409,7 +407,8 @@ def linearised_along(
             own = np.flatnonzero(close == bool(short))
             if len(own):
                 displacements = Displacements(roots[own], units)
-                starts, forces = displacements.starts(motion_of(following.state[order[own]], robot), robot)
+                states = Motion.of_states(following.state[order[own]], robot.model.nq)
+                starts, forces = displacements.starts(states, robot)
                 forces += np.repeat(force[own], len(forces) // len(own), axis=0)
                 reached = by.reach(k, order[own], starts, forces)
                 full[own, :n, :n], full[own, :n, n : n + nv], bent[own] = displacements.derivatives(reached, robot)
@@ -424,7 +423,7 @@ def linearised_along(
         gains[order, k] = gain
         covariance[order] = 0.5 * (spread + spread.transpose(0, 2, 1))
         following.correct(k, order, base, gain)
-        for c, (log, interval) in enumerate(following.places(k, order)):
+        for c, (log, interval) in enumerate(chunks.places(k, order)):
             for of, own in zip(found, (full[c, :n, :n], full[c, :n, n : n + nv], bent[c]), strict=True):
                 of[log][interval] = own
     transitions, responses, errors = (tuple(of) for of in found)
