@@ -166,7 +166,7 @@ def test_only_the_place_that_was_selected_is_blue() -> None:
     report = SimpleNamespace(causes=tuple(found), answer=(("joint_damping",),))
     (bars,) = closures(report).data  # type: ignore[arg-type]
     blue = [label for label, colour in zip(bars.y, bars.marker.color, strict=True) if colour == CORRECTED]
-    assert blue == ["joint_damping (RR_calf)"]
+    assert blue == ["viscous friction (RR_calf)"]
     nothing = SimpleNamespace(causes=tuple(found), answer=())
     assert CORRECTED not in closures(nothing).data[0].marker.color  # type: ignore[arg-type]
 

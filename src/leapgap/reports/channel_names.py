@@ -1,5 +1,8 @@
-"""Names of channels in words, with their units, as pages show them."""
+"""Names of channels, effects and their numbers in words, as pages show them."""
 
+import re
+
+from leapgap import effects
 from leapgap.logs.schema import QUANTITIES, quantity_of
 from leapgap.robot.model import Robot
 
@@ -60,3 +63,14 @@ def channel_words(channel: str) -> str:
         return LABELS[channel]
     quantity, _, joint = channel.partition("/")
     return f"{joint} {JOINT_WORDS[quantity]}"
+
+
+def effect_words(name: str) -> str:
+    """What an effect is, such as ``viscous friction``; the name of one that only its user knows."""
+    kind = effects.known().get(name)
+    return effects.describe(kind) if kind else name.replace("_", " ")
+
+
+def parameter_words(name: str) -> str:
+    """A number of an effect without its unit, which stands behind the value: ``torque`` for ``torque_nm``."""
+    return re.sub(r"_(kg_m|rad_nm|rad_s|s_rad|per_s|kg|nm|rad|m|s|v)$", "", name).replace("_", " ")

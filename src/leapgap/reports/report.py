@@ -20,7 +20,7 @@ from leapgap.diagnosis.next_experiment import in_noises
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.diagnosis.summary import brief
 from leapgap.logs.log import Log
-from leapgap.reports.channel_names import channel_title, channel_words, unit_of
+from leapgap.reports.channel_names import channel_title, channel_words, effect_words, parameter_words, unit_of
 from leapgap.reports.channels_data import channels_data
 from leapgap.reports.diagnosis_figures import closures, gap_map, gap_per_log, horizons, profiles, similarities
 from leapgap.reports.page import embed_json, render_page
@@ -31,6 +31,8 @@ from leapgap.robot.model import Robot
 if TYPE_CHECKING:
     from leapgap.reports.viewer import EmbeddedViewer
 
+LEAST = 1e-9
+"""Smallest number that is told; what is physical is in SI units."""
 TIMELINE = "time"
 """Timeline of the recordings; ``recorder.TIMELINE``, which imports Rerun."""
 
@@ -53,10 +55,11 @@ def html(
     """
     figures = {
         "map": gap_map(report, robot, phase_names(logs)),
-        "horizons": horizons(report),
         "closure": closures(report),
         "logs": gap_per_log(report),
     }
+    if len(report.horizons) > 1:
+        figures["horizons"] = horizons(report)
     if report.profiles:
         figures["profiles"] = profiles(report)
     config = report.provenance.config
@@ -71,9 +74,12 @@ def html(
         report=report,
         loudest=loudest(report.where)[:6],
         words=channel_words,
+        effect_words=effect_words,
+        parameter_words=parameter_words,
         title=channel_title,
         kind=kind_of(report, robot),
         brief=brief,
+        number=number,
         split_numbers=split_numbers,
         in_noises=in_noises,
         fitted=partial(fitted_value, report.causes[: len(report.answer)]),
@@ -87,6 +93,11 @@ def html(
         segments=[segment.name for segment in logs[0].info.segments],
         judged_until=max(log.time[-1] for log in logs),
     )
+
+
+def number(value: float) -> str:
+    """Three digits of a number; what rounding leaves of nothing is 0."""
+    return f"{value if abs(value) >= LEAST else 0.0:.3g}"
 
 
 def loudest(places: Sequence[Place]) -> list[Place]:

@@ -15,6 +15,7 @@ from leapgap.diagnosis.report import Cause
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
+from leapgap.reports.channel_names import effect_words
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 
@@ -30,7 +31,7 @@ class Similarity:
     """Correlations of the changes by effects."""
 
     names: tuple[str, ...]
-    """Effects with their places, such as ``joint_damping (elbow)``."""
+    """Effects with their places, such as ``viscous friction (elbow)``."""
     correlation: np.ndarray
     """Between −1 and 1, (effects, effects)."""
 
@@ -39,7 +40,7 @@ def similarity(
     causes: Sequence[Cause], logs: Sequence[Log], robot: Robot, horizon_s: float = HORIZON_S, every_s: float = EVERY_S
 ) -> Similarity | None:
     """Correlations between the first causes at their fitted values; None where fewer than two change anything."""
-    acting = [(f"{cause.effect} ({cause.location})", effect_of(cause)) for cause in causes[:MOST_CAUSES]]
+    acting = [(f"{effect_words(cause.effect)} ({cause.location})", effect_of(cause)) for cause in causes[:MOST_CAUSES]]
     known = [(name, effect) for name, effect in acting if effect is not None]
     if len(known) < 2:
         return None
