@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from leapgap.diagnosis.checks import run_checks
@@ -68,8 +69,8 @@ def no_logs(path: Path, kind: str, robot: Robot | None = None) -> InputError:
         layout, _ = first_file(path, None)
     except InputError:
         return InputError(path, f"no {kind}", "one log or more", "name the folder of the logs, or their format")
-    model = robot.path if robot else "<robot.xml>"
-    do = f"leapgap import {path} {model} --out imported; then name the folder 'imported' in place of this one"
+    model = quote(str(robot.path)) if robot else "<robot.xml>"
+    do = f"leapgap import {quote(str(path))} {model} --out imported; then name the folder 'imported' in place of this one"
     return InputError(path, f"no {kind}, but logs of format {layout.name}", "logs of leapgap", do)
 
 

@@ -9,16 +9,16 @@ faults, and small departures of all masses, friction and damping, alike in both 
 Rules, fixed before any case was drawn: a right change is doubted if it is not told ``supported``, and one that is
 ``undecided`` counts for neither side; a wrong one is told if it is neither ``supported`` nor ``undecided``. A change is
 named if the first one named has its effect and joint; an armature for a mass of the same link, or the reverse, is not.
-Fits are corrections of the arm by ``mujoco.sysid`` (extra ``peers``), of numbers that somebody chose: a change within
-a fifth of the truth is right; one that is off by a fifth of the largest fault or more is unsupported.
+Fits are corrections of the arm or the A1 by ``mujoco.sysid`` (extra ``peers``), of numbers that somebody chose: one
+within a fifth of the truth is right; one that is off by a fifth of the largest fault or more is unsupported.
 Run as ``python -m tests.benchmarks.referee --json <file>``; ``--cases N`` of each of ``--kinds``. The file is written
-after each case. Seconds of a processor: 10 a correction or a fit, 20 to 40 a pair.
+after each case. Seconds of a processor: 10 a correction or a fit of the arm, 20 to 40 a pair.
 """
 
 import argparse
 import json
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -29,6 +29,7 @@ import mujoco.rollout
 import numpy as np
 
 import leapgap as lg
+from leapgap.diagnosis.judge import Judgement
 from leapgap.logs.log import Log, read_logs, write_log
 from leapgap.robot.model import DEFAULT_MODEL
 from leapgap.runtime.atomic_io import write_json
@@ -42,6 +43,7 @@ from tests.code import ROOT
 NOMINAL = {"damping": 0.05, "frictionloss": 0.0, "armature": 0.01, "mass": 1.0}
 LARGEST = {"damping": 0.5, "frictionloss": 0.8, "armature": 0.03, "mass": 0.4}
 """Added at most; a fault is at least 0.4 of it. Masses are factors of the link's own."""
+NOMINAL_A1 = {"damping": 0.01, "frictionloss": 0.2, "armature": 0.01, "mass": 1.0}
 TITLES = {
     "damping": "damping",
     "frictionloss": "dry friction",
@@ -59,6 +61,8 @@ STEP = 0.02
 """Finite differences of fits, as shares of the largest faults: files state six digits."""
 NEAR = 0.2
 """A fit is right within this share of the truth; it is unsupported if it is off by this share of the largest fault."""
+LARGEST_A1 = {"damping": 0.8, "frictionloss": 1.5, "armature": 0.03, "mass": 0.3}
+"""Of a joint, and of the mass of the trunk."""
 OWNED = ("joint_friction", "joint_damping", "armature", "position_gain", "torque_offset", "link_payload")
 """Errors of owners' robots that are drawn; a robot on feet has none of the last two."""
 OWNERS = {
@@ -79,10 +83,19 @@ def arm(added: dict[Fault, float]) -> str:
     return str(xml)
 
 
-def draw(rng: np.random.Generator, count: int, beside: tuple[Fault, ...] = ()) -> dict[Fault, float]:
+ARM = [(key, joint) for key in NOMINAL for joint in LINKS]
+
+
+def draw(
+    rng: np.random.Generator,
+    count: int,
+    beside: tuple[Fault, ...] = (),
+    of: Sequence[Fault] = ARM,
+    largest: Mapping[str, float] = LARGEST,
+) -> dict[Fault, float]:
     """Some faults, none of them of the same kind at the same joint as others."""
-    every = [(key, joint) for key in NOMINAL for joint in LINKS if (key, joint) not in beside]
-    return {every[i]: LARGEST[every[i][0]] * rng.uniform(0.4, 1) for i in rng.permutation(len(every))[:count]}
+    every = [one for one in of if one not in beside]
+    return {every[i]: largest[every[i][0]] * rng.uniform(0.4, 1) for i in rng.permutation(len(every))[:count]}
 
 
 def judged(rng: np.random.Generator, folder: Path) -> dict[str, Any]:
@@ -110,10 +123,7 @@ def judged(rng: np.random.Generator, folder: Path) -> dict[str, Any]:
 def fitted(rng: np.random.Generator, folder: Path) -> dict[str, Any]:
     """One correction by ``mujoco.sysid``, of numbers that somebody chose: not all faults are among them."""
     faults = draw(rng, int(rng.integers(1, 4)))
-    every = [(key, joint) for key in NOMINAL for joint in LINKS]
-    left_out = list(faults)[int(rng.integers(len(faults)))] if rng.random() < 0.7 else None
-    chosen = [every[i] for i in rng.permutation(len(every))[:4]] + list(faults)
-    chosen = [one for one in dict.fromkeys(chosen) if one != left_out]
+    chosen = choose(rng, faults, ARM)
     fit_on, judge_on = (
         plain_arm.write_parquet(folder / name, LOGS, arm(faults), int(rng.integers(1000))) for name in ("fit", "logs")
     )
@@ -121,15 +131,95 @@ def fitted(rng: np.random.Generator, folder: Path) -> dict[str, Any]:
     nominal, corrected = folder / "nominal.xml", folder / "corrected.xml"
     nominal.write_text(arm({}))
     corrected.write_text(arm(changes))
-    told = {one.title: one for one in lg.judge(corrected, judge_on, nominal, threads=1).changes}
-    rows = []
+    names = {(key, at): f"{TITLES[key]} of {LINKS[at][0] if key == 'mass' else at}" for key, at in changes}
+    return judged_fit("arm", lg.judge(corrected, judge_on, nominal, threads=1), faults, changes, names, LARGEST)
+
+
+def choose(rng: np.random.Generator, faults: dict[Fault, float], every: Sequence[Fault]) -> list[Fault]:
+    """Four numbers and the faults, in seven of ten cases all but one of these."""
+    left_out = list(faults)[int(rng.integers(len(faults)))] if rng.random() < 0.7 else None
+    chosen = [every[i] for i in rng.permutation(len(every))[:4]] + list(faults)
+    return [one for one in dict.fromkeys(chosen) if one != left_out]
+
+
+def judged_fit(
+    robot: str,
+    judgement: Judgement,
+    faults: dict[Fault, float],
+    changes: dict[Fault, float],
+    names: dict[Fault, str],
+    largest: Mapping[str, float],
+) -> dict[str, Any]:
+    """What is told of the changes of a fit, by their names."""
+    told, rows = {one.title: one for one in judgement.changes}, []
     for (key, at), change in changes.items():
-        name = f"{TITLES[key]} of {LINKS[at][0] if key == 'mass' else at}"
-        if name in told:
+        if one := told.get(names[key, at]):
             true = faults.get((key, at), 0.0)
-            row = {"change": name, "fitted": change, "true": true, "is": sort_of(change, true, LARGEST[key])}
-            rows.append({**row, "verdict": told[name].verdict, "share": told[name].share})
-    return {"faults": {f"{key} {at}": size for (key, at), size in faults.items()}, "changes": rows}
+            row = {"change": one.title, "fitted": change, "true": true, "is": sort_of(change, true, largest[key])}
+            rows.append({**row, "verdict": one.verdict, "share": one.share})
+    further = {"further": list(judgement.further), "unnamed": judgement.unnamed}
+    return {"robot": robot, "faults": {f"{key} {at}": v for (key, at), v in faults.items()}, "changes": rows, **further}
+
+
+def fitted_a1(rng: np.random.Generator, folder: Path) -> dict[str, Any]:
+    """One correction of the A1 by ``mujoco.sysid``, on trots; all its numbers are a little off besides."""
+    file, robot, _ = OWNERS["a1"]
+    spec = mujoco.MjSpec.from_file(str(file))
+    limit = np.array([np.abs(a.forcerange).max() for a in spec.actuators])
+    drive, wear = OwnersDrive(np.array(robot.kp), np.array(robot.kd), limit), int(rng.integers(2**31))
+    own = build(file, drive)
+    every = [(key, joint) for key in ("damping", "frictionloss", "armature") for joint in own.names] + [
+        ("mass", "trunk")
+    ]
+    faults = draw(rng, int(rng.integers(1, 4)), (), every, LARGEST_A1)
+    chosen = choose(rng, faults, every)
+    plans = [Plan.draw(robot, own, rng) for _ in range(2 * LOGS)]
+    true = build(file, drive, np.random.default_rng(wear), (), [changed(faults)])
+    runs = [plan.run(true, robot) for plan in plans]
+    logs = [
+        logged(f"log_{i}", *pair, robot, [], own.names, rng) for i, pair in enumerate(zip(plans, runs, strict=True))
+    ]
+    for log in logs[LOGS:]:
+        write_log(log, folder / "logs" / f"{log.name}.parquet")
+    sizes = np.array([LARGEST_A1[key] for key, _ in chosen])
+
+    def errors(x: np.ndarray) -> np.ndarray:
+        robot_now = build(file, drive, None, (), [changed(dict(zip(chosen, (sizes * x).tolist(), strict=True)))])
+        found = []
+        for log, plan in zip(logs[:LOGS], plans, strict=False):
+            run = plan.run(robot_now, robot)
+            q, v = (log.per_joint(name, own.names) for name in ("joint_pos", "joint_vel"))
+            base = np.stack([log[f"base_pos_{axis}"] for axis in "xyz"], axis=1)
+            parts = ((run.shown - q) / 3e-3, (run.speed - v) / 0.2, (run.qpos[:, :3] - base) / 3e-3)
+            found.append(np.concatenate([np.clip(one[::4], -30, 30).ravel() for one in parts]))
+        return np.concatenate(found)
+
+    starts = {(key, at): -0.8 * NOMINAL_A1[key] for key, at in chosen}
+    changes = optimised(errors, chosen, sizes, starts, 10)
+    nominal, corrected = folder / "nominal.xml", folder / "corrected.xml"
+    nominal.write_text(spec.to_xml())
+    for (key, at), change in changes.items():
+        if key == "mass":
+            spec.body(at).mass *= 1 + change
+        else:
+            setattr(spec.joint(at), key, np.add(getattr(spec.joint(at), key), change))
+    corrected.write_text(spec.to_xml())
+    names = {(key, at): f"{TITLES[key]} of {at}" for key, at in changes}
+    found = lg.judge(corrected, folder / "logs", nominal, threads=1)
+    return judged_fit("a1", found, faults, changes, names, LARGEST_A1)
+
+
+def changed(numbers: dict[Fault, float]) -> Callable[[mujoco.MjModel], None]:
+    """What adds some numbers to joints of a model, and factors to masses."""
+
+    def apply(model: mujoco.MjModel) -> None:
+        for (key, at), size in numbers.items():
+            if key == "mass":
+                model.body_mass[model.body(at).id] *= 1 + size
+            else:
+                getattr(model, f"dof_{key}")[model.joint(at).dofadr[0]] += size
+
+    return apply
 
 
 def sort_of(change: float, true: float, largest: float) -> str:
@@ -141,8 +231,6 @@ def sort_of(change: float, true: float, largest: float) -> str:
 
 def sysid_fit(logs: list[Log], chosen: list[Fault]) -> dict[Fault, float]:
     """What ``mujoco.sysid`` adds to the chosen numbers, on replays of whole logs, errors by sensor noise."""
-    from mujoco import sysid  # the extra ``peers``
-
     joints, sizes = plain_arm.JOINTS, np.array([LARGEST[key] for key, _ in chosen])
     own = mujoco.MjModel.from_xml_string(arm({}))
     steps, seen = round(plain_arm.PERIOD_S / own.opt.timestep), slice(None, None, 10)
@@ -161,15 +249,28 @@ def sysid_fit(logs: list[Log], chosen: list[Fault]) -> dict[Fault, float]:
         at = np.concatenate([np.array(full)[:, None], states], axis=1)[:, :-1:steps][:, seen, 1:]
         return ((at - np.array(measured)) / np.repeat([2e-4, 5e-3], len(joints))).ravel()
 
+    return optimised(replayed, chosen, sizes, {(key, at): -0.8 * NOMINAL[key] for key, at in chosen}, 30)
+
+
+def optimised(
+    errors: Callable[[np.ndarray], np.ndarray],
+    chosen: list[Fault],
+    sizes: np.ndarray,
+    least: dict[Fault, float],
+    iterations: int,
+) -> dict[Fault, float]:
+    """What ``mujoco.sysid`` adds to the chosen numbers, in steps of ``sizes`` and not below ``least``."""
+    from mujoco import sysid  # the extra ``peers``
+
     def residual(x: np.ndarray, _: Any) -> tuple[list[np.ndarray], None, None]:
-        columns = [replayed(one) for one in x.reshape(len(chosen), -1).T]
+        columns = [errors(one) for one in x.reshape(len(chosen), -1).T]
         return [np.stack(columns, axis=1) if x.ndim > 1 else columns[0]], None, None
 
     parameters = sysid.ParameterDict()
     for (key, at), size in zip(chosen, sizes, strict=True):
-        parameters.add(sysid.Parameter(f"{key} {at}", 0.0, -0.8 * NOMINAL[key] / size, 2.0))
+        parameters.add(sysid.Parameter(f"{key} {at}", 0.0, least[key, at] / size, 2.0))
     parameters.move_off_bounds()
-    found, _ = sysid.optimize(parameters, residual, verbose=False, eps=STEP, max_iters=30)
+    found, _ = sysid.optimize(parameters, residual, verbose=False, eps=STEP, max_iters=iterations)
     return dict(zip(chosen, (sizes * found.as_vector()).tolist(), strict=True))
 
 
@@ -231,7 +332,7 @@ def main() -> None:
     options.add_argument("--first", type=int, default=0, help="number of the first case; what the file has stays")
     options.add_argument("--seed", type=int, default=4601)
     options.add_argument("--kinds", nargs="*", choices=KINDS, default=KINDS)
-    options.add_argument("--robots", nargs="*", choices=["arm", *OWNERS], default=["arm"], help="of pairs")
+    options.add_argument("--robots", nargs="*", choices=["arm", *OWNERS], default=["arm"], help="of pairs and fits")
     options.add_argument("--tiny", action="store_true", help="one case of each")
     chosen = options.parse_args()
     rows: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
@@ -243,7 +344,8 @@ def main() -> None:
             ("pairs", partial(compared, changes=case % 2 == 0)),
             ("fits", fitted),
         ]
-        tasks = [one for one in tasks if one[0] in chosen.kinds and (one[0] != "pairs" or "arm" in chosen.robots)]
+        tasks = [one for one in tasks if one[0] in chosen.kinds and (one[0] == "corrections" or "arm" in chosen.robots)]
+        tasks += [("fits", fitted_a1)] if "fits" in chosen.kinds and "a1" in chosen.robots else []
         if "pairs" in chosen.kinds:
             own = [name for name in chosen.robots if name != "arm"]
             tasks += [("pairs", partial(owned, changes=case % 2 == 0, name=name)) for name in own]
@@ -259,10 +361,13 @@ def figures(rows: dict[str, list[dict[str, Any]]]) -> dict[str, int]:
     """Counts of the cases so far."""
     right = [verdict for one in rows["corrections"] for verdict in one["right"].values()]
     wrong = [verdict for one in rows["corrections"] for verdict in one["wrong"].values()]
-    fits = [change for one in rows["fits"] for change in one["changes"]]
-    right_fits, wrong_fits = ([one["verdict"] for one in fits if one["is"] == of] for of in ("right", "unsupported"))
+    judged_by = {"": (right, wrong)}
+    for robot, name in (("arm", "fits_"), ("a1", "a1_fits_")):
+        fits = [change for one in rows["fits"] if one.get("robot", "arm") == robot for change in one["changes"]]
+        of_right, of_wrong = ([one["verdict"] for one in fits if one["is"] == of] for of in ("right", "unsupported"))
+        judged_by[name] = of_right, of_wrong
     found: dict[str, int] = {}
-    for name, of_right, of_wrong in (("", right, wrong), ("fits_", right_fits, wrong_fits)):
+    for name, (of_right, of_wrong) in judged_by.items():
         found |= {
             f"{name}right": len(of_right),
             f"{name}right_supported": of_right.count("supported"),

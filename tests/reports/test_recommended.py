@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from leapgap import cli
-from tests.plain_arm import write_model, write_parquet
+from tests.plain_arm import write_csv, write_model, write_parquet
 
 SETTINGS = '{"noise_draws": 1, "bootstrap_draws": 100, "effects": ["command_delay", "joint_damping"]}'
 
@@ -75,3 +75,26 @@ def test_the_answer_and_the_best_simulator_have_one_folder_where_they_are_one(wr
     assert '"source":"answer"' in (report / "report.json").read_text().replace(" ", "").replace("\n", "")
     assert not (report / "best").exists()
     assert "best/" not in (report / "report.html").read_text()
+
+
+def test_the_commands_in_refusals_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Logs of another format in a folder whose name has a space; gains that no column tells are asked for."""
+    (tmp_path / "my logs").mkdir()
+    model = write_model(tmp_path / "my logs")
+    logs = write_csv(tmp_path / "my logs" / "swings", 2)
+    monkeypatch.chdir(tmp_path)
+
+    def refused(arguments: list[str]) -> list[str]:
+        assert cli.main(arguments) == 2
+        (command,) = re.findall(r"leapgap (import .*?)(?: > map\.yaml)?; ", capsys.readouterr().err.replace("\n", " "))
+        return shlex.split(command)
+
+    command = refused(["check", str(logs), str(model)])
+    assert command == ["import", str(logs), str(model), "--out", "imported"]
+    for path in logs.iterdir():
+        path.write_text("\n".join(",".join(line.split(",")[:5]) for line in path.read_text().splitlines()))
+    guess = refused(command)
+    assert cli.main(guess) == 0
+    assert "format: csv" in capsys.readouterr().out

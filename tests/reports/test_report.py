@@ -15,7 +15,7 @@ from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
 from leapgap.logs.log import Log, LogInfo
-from leapgap.reports.channel_names import row_of
+from leapgap.reports.channel_names import row_of, sentence_words
 from leapgap.reports.channels_data import channels_data
 from leapgap.reports.colours import CORRECTED
 from leapgap.reports.diagnosis import cause_in_words, largest_errors
@@ -192,3 +192,14 @@ def test_an_unknown_answer_prints_where_its_errors_lie() -> None:
     assert line.startswith("largest errors: elbow velocity, part_1 40 %; elbow velocity, part_2 20 %; ")
     assert "part_4" in line and "part_5" not in line
     assert largest_errors([]) == []
+
+
+def test_the_heading_of_the_page_has_no_names_of_code() -> None:
+    found = sentence_words(
+        "command latency (command_delay at RR: delay_s 0.0097 s), which cannot be separated from joint_friction, and a "
+        "centre of mass (com_offset: x_m -0.01 m, z_m 0.02 m) explain 92 % (95 %: 82 to 100) of the gap"
+    )
+    assert found == (
+        "command latency (at RR: delay 0.0097 s), which cannot be separated from joint Coulomb friction, and a "
+        "centre of mass (x -0.01 m, z 0.02 m) explain 92 % (95 %: 82 to 100) of the gap"
+    )

@@ -9,7 +9,7 @@ from plotly.subplots import make_subplots
 
 from leapgap.diagnosis.report import ReportContent
 from leapgap.diagnosis.summary import brief
-from leapgap.reports.channel_names import LABELS, effect_words, row_of
+from leapgap.reports.channel_names import LABELS, effect_words, label_words, row_of
 from leapgap.reports.colours import CORRECTED, GREY, NOMINAL, REAL
 from leapgap.reports.page import heat_map
 from leapgap.reports.similarity import Similarity
@@ -46,7 +46,7 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
 
 
 def horizons(report: ReportContent) -> go.Figure:
-    """The headline gap against the length of the replays, two or more: nominal, corrected, a robot that does not move."""
+    """The headline gap against the length of the replays: nominal, corrected, and a robot that does not move."""
     ordered = sorted(report.horizons, key=lambda at: at.horizon_s or math.inf)
     labels = [f"{at.horizon_s:g} s" if at.horizon_s else "whole logs" for at in ordered]
     curves = [("nominal", NOMINAL, "solid", [at.nominal for at in ordered])]
@@ -80,7 +80,7 @@ def similarities(alike: Similarity) -> go.Figure:
     values, names = np.round(alike.correlation, 2), list(alike.names)
     texts = [[f"{value:.2f}" for value in row] for row in values]
     figure = heat_map(values, names, names, texts, "%{y} and %{x}: %{z:.2f}", zmin=-1, zmax=1, colorscale="RdBu_r")
-    figure.update_layout(height=80 + 42 * len(names), margin={"l": 170, "r": 20, "t": 20, "b": 40})
+    figure.update_layout(height=100 + 42 * len(names), margin={"l": 170, "r": 20, "t": 20, "b": 40})
     return figure
 
 
@@ -121,7 +121,7 @@ def profiles(report: ReportContent) -> go.Figure:
     figure = make_subplots(
         rows=rows,
         cols=columns,
-        subplot_titles=[p.effect for p in report.profiles],
+        subplot_titles=[label_words(p.effect) for p in report.profiles],
         shared_yaxes=True,
         horizontal_spacing=0.05,
         vertical_spacing=0.4 / rows,
@@ -142,6 +142,7 @@ def profiles(report: ReportContent) -> go.Figure:
         figure.update_xaxes(title_text=one.label.removesuffix(" (1)"), title_font={"size": 11}, **at)
     figure.add_hline(y=HALF_OF_CHI2_95, line={"color": GREY, "dash": "dot", "width": 1})
     figure.update_yaxes(range=[0, 5 * HALF_OF_CHI2_95])
+    figure.update_annotations(font_size=12)
     figure.update_layout(height=70 + 230 * rows, margin={"l": 45, "r": 15, "t": 35, "b": 45})
     return figure
 

@@ -20,7 +20,14 @@ from leapgap.diagnosis.next_experiment import in_noises
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.diagnosis.summary import brief
 from leapgap.logs.log import Log
-from leapgap.reports.channel_names import channel_title, channel_words, effect_words, parameter_words, unit_of
+from leapgap.reports.channel_names import (
+    channel_title,
+    channel_words,
+    effect_words,
+    parameter_words,
+    sentence_words,
+    unit_of,
+)
 from leapgap.reports.channels_data import channels_data
 from leapgap.reports.diagnosis_figures import closures, gap_map, gap_per_log, horizons, profiles, similarities
 from leapgap.reports.page import embed_json, render_page
@@ -74,6 +81,7 @@ def html(
         report=report,
         loudest=loudest(report.where)[:6],
         words=channel_words,
+        sentence=sentence_words(report.sentence),
         effect_words=effect_words,
         parameter_words=parameter_words,
         title=channel_title,

@@ -3,6 +3,7 @@
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import yaml
@@ -77,9 +78,8 @@ class ProposedMap:
         """The options, where nothing is missing; ``InputError`` names the questions and the command that asks them."""
         missing = self.proposal.notes_of(MISSING)
         if missing:
-            do = (
-                f"leapgap import --guess {source} {robot} > map.yaml; answer there, then import with --options map.yaml"
-            )
+            asked = f"leapgap import --guess {quote(str(source))} {quote(str(robot))} > map.yaml"
+            do = f"{asked}; answer there, then import with --options map.yaml"
             raise InputError(self.path, "questions that the logs do not answer", "a whole map", do, missing)
         return self.options
 
