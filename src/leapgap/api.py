@@ -70,7 +70,8 @@ def no_logs(path: Path, kind: str, robot: Robot | None = None) -> InputError:
     except InputError:
         return InputError(path, f"no {kind}", "one log or more", "name the folder of the logs, or their format")
     model = quote(str(robot.path)) if robot else "<robot.xml>"
-    do = f"leapgap import {quote(str(path))} {model} --out imported; then name the folder 'imported' in place of this one"
+    command = f"leapgap import {quote(str(path))} {model} --out imported"
+    do = f"{command}; then name the folder 'imported' in place of this one"
     return InputError(path, f"no {kind}, but logs of format {layout.name}", "logs of leapgap", do)
 
 

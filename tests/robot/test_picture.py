@@ -1,12 +1,14 @@
 """A picture of a robot: the link that a joint moves is in colour, and what is not the robot is transparent."""
 
 from io import BytesIO
+from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from leapgap.robot.model import Robot
-from leapgap.robot.picture import png, robot_picture
+from leapgap.robot.picture import png, robot_picture, shown_model
 
 
 def test_a_png_holds_its_pixels() -> None:
@@ -26,3 +28,19 @@ def test_the_link_of_a_joint_is_in_colour(robot: Robot) -> None:
     shown = (coloured[..., 3] > 0).mean()
     assert 50 < orange[1].sum() < 0.2 * coloured[..., 3].astype(bool).sum()
     assert 0.02 < shown < 0.7
+
+
+def test_a_model_without_shapes_is_drawn_from_joint_to_joint(tmp_path: Path) -> None:
+    """The upper link reaches to the elbow, 0.5 m on; the lower one over its centre of mass, to twice 0.2 m."""
+    inertia = 'mass="1" diaginertia="0.1 0.1 0.1"'
+    (tmp_path / "arm.xml").write_text(f"""<mujoco><worldbody>
+      <body name="upper"><inertial pos="0 0 0.25" {inertia}/><joint name="shoulder" axis="0 1 0"/>
+        <body name="lower" pos="0 0 0.5"><inertial pos="0.2 0 0" {inertia}/><joint name="elbow" axis="0 1 0"/></body>
+      </body></worldbody><actuator><motor joint="shoulder"/><motor joint="elbow"/></actuator></mujoco>""")
+    robot = Robot.load(tmp_path / "arm.xml")
+    shown = shown_model(robot)
+    assert shown.geom_bodyid.tolist() == [shown.body("upper").id, shown.body("lower").id]
+    assert (shown.geom_type == int(mujoco.mjtGeom.mjGEOM_CAPSULE)).all()
+    np.testing.assert_allclose(shown.geom_size[:, 1], [0.25, 0.2])  # half lengths
+    np.testing.assert_allclose(shown.geom_pos, [[0, 0, 0.25], [0.2, 0, 0]], atol=1e-12)
+    assert robot.model.ngeom == 0

@@ -78,8 +78,8 @@ def label_words(label: str) -> str:
 
 
 def parameter_words(name: str) -> str:
-    """A number of an effect without its unit, which stands behind the value: ``torque`` for ``torque_nm``."""
-    return re.sub(r"_(kg_m|rad_nm|rad_s|s_rad|per_s|kg|nm|rad|m|s|v)$", "", name).replace("_", " ")
+    """A number of an effect without the unit in its name: ``torque`` for ``torque_nm``, ``torque (N·m)`` likewise."""
+    return re.sub(r"_(kg_m|rad_nm|rad_s|s_rad|per_s|kg|nm|rad|m|s|v)(?= \(|$)", "", name).replace("_", " ")
 
 
 def sentence_words(sentence: str) -> str:

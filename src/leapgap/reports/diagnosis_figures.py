@@ -9,7 +9,7 @@ from plotly.subplots import make_subplots
 
 from leapgap.diagnosis.report import ReportContent
 from leapgap.diagnosis.summary import brief
-from leapgap.reports.channel_names import LABELS, effect_words, label_words, row_of
+from leapgap.reports.channel_names import LABELS, effect_words, label_words, parameter_words, row_of
 from leapgap.reports.colours import CORRECTED, GREY, NOMINAL, REAL
 from leapgap.reports.page import heat_map
 from leapgap.reports.similarity import Similarity
@@ -116,7 +116,7 @@ def closures(report: ReportContent) -> go.Figure:
 
 def profiles(report: ReportContent) -> go.Figure:
     """Profile likelihood of each hypothesis's parameter: a narrow minimum means that the data determine it well."""
-    columns = 3
+    columns = min(3, len(report.profiles))
     rows = max(1, -(-len(report.profiles) // columns))
     figure = make_subplots(
         rows=rows,
@@ -139,7 +139,7 @@ def profiles(report: ReportContent) -> go.Figure:
             ),
             **at,
         )
-        figure.update_xaxes(title_text=one.label.removesuffix(" (1)"), title_font={"size": 11}, **at)
+        figure.update_xaxes(title_text=parameter_words(one.label.removesuffix(" (1)")), title_font={"size": 11}, **at)
     figure.add_hline(y=HALF_OF_CHI2_95, line={"color": GREY, "dash": "dot", "width": 1})
     figure.update_yaxes(range=[0, 5 * HALF_OF_CHI2_95])
     figure.update_annotations(font_size=12)

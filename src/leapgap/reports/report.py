@@ -38,6 +38,8 @@ from leapgap.robot.model import Robot
 if TYPE_CHECKING:
     from leapgap.reports.viewer import EmbeddedViewer
 
+LEAST_CM = 0.5
+"""Errors of where a robot lands that are told, cm."""
 LEAST = 1e-9
 """Smallest number that is told; what is physical is in SI units."""
 TIMELINE = "time"
@@ -172,7 +174,8 @@ def tiles(
     if report.landing_misplaced_m:
         off = [report.landing_off_cm(of) or 0.0 for of in ("nominal", "corrected")]
         says = "error in base x at the last judged sample, mean over logs"
-        found.append(Tile(f"{off[0]:.1f}", f"{off[1]:.1f}" if answered else "", "cm", says))
+        if max(off) >= LEAST_CM:
+            found.append(Tile(f"{off[0]:.1f}", f"{off[1]:.1f}" if answered else "", "cm", says))
     gap = brief(report.gap_corrected) if answered else ""
     says = f"gap: error over channel size, rms of all channels (sensor noise alone: {brief(report.noise_floor)})"
     found.append(Tile(brief(report.gap_nominal), gap, "", says))

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from leapgap.robot.model import Robot
-from leapgap.robot.picture import chunk, compressed, drawn, framing, header, light
+from leapgap.robot.picture import chunk, compressed, drawn, framing, header, light, shown_model
 
 SIZE = (360, 270)
 """Width and height, pixels."""
@@ -60,7 +60,7 @@ def robot_loop(robot: Robot, time: np.ndarray, layers: Sequence[np.ndarray]) -> 
 
 def frames(robot: Robot, layers: np.ndarray) -> Iterator[np.ndarray]:
     """Pixels (height, width, 4) of each frame of positions (layers, frames, nq); all else is transparent."""
-    model = robot.published_spec().compile()
+    model = shown_model(robot)
     planes = model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)
     model.geom_matid[:] = -1
     light(model)

@@ -23,6 +23,8 @@ SIZE, SECONDS = (480, 360), 60
 """Width and height, pixels, and time for the picture."""
 COLOUR, OTHERS = (0.89, 0.33, 0.18, 1.0), (0.62, 0.65, 0.70, 1.0)
 AZIMUTH, ELEVATION, DISTANCE = 130.0, -20.0, 1.35
+ROD = 0.03
+"""Radius of rods in place of shapes, as a share of the distance between the outermost links."""
 HALF = 0.6
 """Share of the sphere about a shape that is sure to be seen."""
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -59,7 +61,7 @@ def drawn(module: str, asked: bytes) -> bytes | None:
 
 def draw(robot: Robot, joints: Sequence[str]) -> np.ndarray:
     """Pixels of the picture, red, green, blue and opacity, (height, width, 4)."""
-    model = robot.published_spec().compile()
+    model = shown_model(robot)
     moved = {int(model.joint(joint).bodyid[0]) for joint in joints}
     for geom in range(model.ngeom):
         body = int(model.geom_bodyid[geom])
@@ -80,6 +82,25 @@ def draw(robot: Robot, joints: Sequence[str]) -> np.ndarray:
         renderer.update_scene(data, camera)
         shown = renderer.render()[..., 0] >= 0
     return np.dstack([colours, np.where(shown, 255, 0).astype(np.uint8)])
+
+
+def shown_model(robot: Robot) -> mujoco.MjModel:
+    """The robot as it is drawn: a model file with fewer shapes than links gets a rod from joint to joint."""
+    spec = robot.published_spec()
+    links = [body for body in spec.bodies if body.name != "world"]
+    shapes = [geom for body in links for geom in body.geoms]
+    if len(shapes) < len(links):
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        thickness = ROD * float(np.linalg.norm(np.ptp(data.xpos[1:], axis=0))) or ROD
+        for body in links:
+            ends = [part.pos for part in (*body.bodies, *body.geoms) if np.linalg.norm(part.pos) > thickness]
+            for end in ends or [2 * body.ipos]:
+                about = {"fromto": [0, 0, 0, *end]} if np.linalg.norm(end) > thickness else {}
+                kind = mujoco.mjtGeom.mjGEOM_CAPSULE if about else mujoco.mjtGeom.mjGEOM_SPHERE
+                body.add_geom(type=kind, size=[thickness, 0, 0], mass=0, contype=0, conaffinity=0, group=0, **about)
+    return spec.compile()
 
 
 def light(model: mujoco.MjModel) -> None:
