@@ -380,8 +380,11 @@ class Bench:
 
 
 def on_logs(intervals: Intervals, acting: Acting) -> list[Effects]:
-    """The effects of a set on each log."""
-    return [tuple(h.on(own.states.log.name, numbers) for h, numbers in acting) for own in intervals.courses]
+    """The effects of a set on each log, as they are on the ground of the model."""
+    return [
+        tuple(one for h, numbers in acting for one in h.on(own.states.log.name, numbers).on_model_ground())
+        for own in intervals.courses
+    ]
 
 
 def in_drive(kind: type[Effect]) -> bool:

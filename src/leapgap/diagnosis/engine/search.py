@@ -167,9 +167,8 @@ class Search:
             rivals = (*now.rivals, *(own for own in others if own[1].name != newest.name))
             if max(now.unnamed, best.unnamed) > MUCH:
                 best = self.linearised_about(best)
-            if best.unnamed > MUCH:
-                other = self.exchanged(best)
-                best = other if other is best else self.linearised_about(other)
+            other = self.exchanged(best)
+            best = self.linearised_about(other) if other is not best and best.unnamed > MUCH else other
             if best.unnamed > MUCH and best.predictive - now.predictive < LEAST_SHARE * now.missing:
                 break
             now = replace(self.without_idle(best), rivals=rivals)
@@ -221,7 +220,7 @@ class Search:
 
     def has_memory(self, hypothesis: Hypothesis) -> bool:
         """Whether a robot with an effect has states that the nominal one has not."""
-        return self.bench.intervals.has_memory(0, (departed(hypothesis, 0, self.bench.states[0].log.name),))
+        return self.bench.intervals.has_memory(0, departed(hypothesis, 0, self.bench.states[0].log.name))
 
     def promising(self, now: Found, linear: Sequence[Found]) -> list[Found]:
         """Those sets, settled, that may gain most by what their columns say, the best first.
