@@ -175,9 +175,8 @@ class Columns:
                 found += [[own[:, :, known.keys.index(key)] for own in known.values] for key in new]
                 continue
             by_replay = not robot.feet and (h.kind.along_joints or overrides(h.kind, "change_measured"))
-            forces = None
-            if not by_replay:
-                forces = along_rows(h.kind, single, by_row, intervals) if h.kind.along_joints else closed_form(h.kind, single, context)
+            motion = by_row if h.kind.along_joints else [(context, 1)]
+            forces = None if by_replay else closed_form(h.kind, single, motion)
             if forces is not None:
                 for key, force in zip(new, forces, strict=True):
                     there, of_logs = replace(h, location=key.place), np.split(force, ends[:-1])
@@ -239,7 +238,7 @@ def departed(hypothesis: Hypothesis, number: int, log: str = "") -> tuple[Effect
 
 
 def departure(hypothesis: Hypothesis, number: int) -> float:
-    """A moderate departure from nominal; a small one of what changes the contacts of feet, which is not linear in it."""
+    """A moderate departure from nominal; a small one of what changes the contacts of feet, far from linear in it."""
     kind = hypothesis.kind
     contacts = hypothesis.robot.feet and any(overrides(kind, method) for method in ("change_model", "change_spec"))
     return float(hypothesis.moderate[number] * (LITTLE if contacts else 1.0))
@@ -264,8 +263,11 @@ def force_context(intervals: Intervals) -> ForceContext:
     return context_of(intervals, displaced(begin, 0.5 * change, intervals.robot), change, rows)
 
 
-def row_contexts(intervals: Intervals) -> list[ForceContext]:
-    """The same of every row, segment by segment: torques of motors follow commands that change from row to row."""
+def row_contexts(intervals: Intervals) -> list[tuple[ForceContext, int]]:
+    """The same of every row, segment by segment, with the number of rows of each interval.
+
+    Torques of motors follow commands that change from row to row.
+    """
     found = []
     for log, own in enumerate(intervals.courses):
         for first, count in zip(np.cumsum([0, *own.segments]), own.segments, strict=False):
@@ -276,9 +278,8 @@ def row_contexts(intervals: Intervals) -> list[ForceContext]:
             each = np.repeat(np.arange(count), own.every)
             motion = displaced(begin[each], share * change[each], intervals.robot)
             rows = (own.rows[own.begins[at]][:, None] + np.arange(own.every)).reshape(-1, 1)
-            of_others = [np.zeros((0, 1), int)] * len(intervals.courses)
-            rows = [*of_others[:log], rows, *of_others[log + 1 :]]
-            found.append(context_of(intervals, motion, change[each], rows, own.every))
+            by_log = [rows if own is other else rows[:0] for other in intervals.courses]
+            found.append((context_of(intervals, motion, change[each], by_log, own.every), own.every))
     return found
 
 
@@ -310,24 +311,21 @@ def joined(motions: Sequence[Motion]) -> Motion:
     return Motion(np.concatenate([one.qpos for one in motions]), np.concatenate([one.qvel for one in motions]))
 
 
-def closed_form(kind: type[Effect], single: Sequence[str], at: ForceContext) -> np.ndarray | None:
-    """Force per unit of each number at each place, (numbers × places, intervals, nv); None where it is not known."""
-    forces = [own for place in single if (own := kind.force(at, place)) is not None]
-    return np.stack(forces, axis=1).reshape(-1, *at.qvel.shape) if len(forces) == len(single) else None
-
-
-def along_rows(
-    kind: type[Effect], single: Sequence[str], segments: Sequence[ForceContext], intervals: Intervals
+def closed_form(
+    kind: type[Effect], single: Sequence[str], motion: Sequence[tuple[ForceContext, int]]
 ) -> np.ndarray | None:
-    """The same by the motion of all rows, segment by segment, as means over each interval."""
-    every = [own.every for own in intervals.courses for _ in own.segments]
-    forces = [closed_form(kind, single, at) for at in segments]
-    known = [own for own in forces if own is not None]
-    if len(known) < len(forces):
-        return None
-    shape = len(known[0]), -1, known[0].shape[2]
-    means = [own.reshape(shape[0], -1, rows, shape[2]).mean(axis=2) for own, rows in zip(known, every, strict=True)]
-    return np.concatenate(means, axis=1)
+    """Force per unit of each number at each place, (numbers × places, intervals, nv); None where it is not known.
+
+    Parts of the motion come with the number of their steps in each interval.
+    """
+    found = []
+    for at, steps in motion:
+        forces = [own for place in single if (own := kind.force(at, place)) is not None]
+        if len(forces) < len(single):
+            return None
+        of_steps = np.stack(forces, axis=1).reshape(-1, len(at.qvel) // steps, steps, at.qvel.shape[1])
+        found.append(of_steps.mean(axis=2))
+    return np.concatenate(found, axis=1)
 
 
 def of_force(linearisation: Linearisation, log: int, force: np.ndarray) -> np.ndarray:
