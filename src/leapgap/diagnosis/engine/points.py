@@ -33,6 +33,7 @@ ABSENT = 1e-9
 PRIOR, OF_RANGE = 3.0, 0.25
 """Standard deviation of a number's prior in moderate departures, and at least as a share of the way to its limits."""
 SMALL = {
+    "contact_damping.scale": 0.05,
     "encoder_bias.bias_rad": 5e-4,
     "foot_compliance.time_constant_s": 0.002,
     "ground_height.height_m": 5e-4,
@@ -380,8 +381,11 @@ class Bench:
 
 
 def on_logs(intervals: Intervals, acting: Acting) -> list[Effects]:
-    """The effects of a set on each log."""
-    return [tuple(h.on(own.states.log.name, numbers) for h, numbers in acting) for own in intervals.courses]
+    """The effects of a set on each log, as they are on the ground of the model."""
+    return [
+        tuple(one for h, numbers in acting for one in h.on(own.states.log.name, numbers).on_model_ground())
+        for own in intervals.courses
+    ]
 
 
 def in_drive(kind: type[Effect]) -> bool:
