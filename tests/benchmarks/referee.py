@@ -73,8 +73,8 @@ OWNERS = {
 
 
 def arm(added: dict[Fault, float]) -> str:
-    """The arm with some faults, of size ``added`` each."""
-    xml = plain_arm.EXAMPLE.MODEL
+    """The arm with some faults, of size ``added`` each, and motors as strong as the PD that drives it."""
+    xml = plain_arm.EXAMPLE.MODEL.replace('forcerange="-60 60"', 'forcerange="-600 600"')
     for joint, (_, mass) in LINKS.items():
         own = {key: NOMINAL[key] + added.get((key, joint), 0.0) for key in NOMINAL}
         attributes = " ".join(f'{key}="{own[key]:.6g}"' for key in ("damping", "frictionloss", "armature"))
