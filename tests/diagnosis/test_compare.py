@@ -48,7 +48,7 @@ def test_what_changed_is_named_by_how_much_and_not_what_both_lack(
     before, after = logs_of(tmp_path, plain_arm.arm(STICKY), plain_arm.arm(STICKIER))
     file = tmp_path / "changed.json"
     assert main(["compare", str(before), str(after), str(model), "--json", str(file), "--quiet"]) == 0
-    assert "changed: joint_friction at elbow (torque_nm 0.3" in capsys.readouterr().out
+    assert "changed: joint Coulomb friction at elbow (torque 0.3" in capsys.readouterr().out
     (change,) = json.loads(file.read_text())["changed"]
     (low, high) = change["ci95"][0]
     assert low < 0.3 < high

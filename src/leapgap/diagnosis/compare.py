@@ -17,6 +17,7 @@ from leapgap.diagnosis.judge import numbered
 from leapgap.diagnosis.paired_search import Difference, PairedBench, PairedSearch, differences, effect_of
 from leapgap.diagnosis.refereed_logs import RefereedLogs
 from leapgap.diagnosis.settings import Settings
+from leapgap.effects.words import effect_words, label_words, parameter_words
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -69,17 +70,20 @@ class Comparison:
     def __str__(self) -> str:
         """Lines for a person."""
         lines = [f"{self.logs[0]} logs before, {self.logs[1]} after"]
-        lines += [f"changed: {', or '.join([one.says, *one.rivals])}" for one in self.changed]
+        lines += [f"changed: {', or '.join([one.says, *map(label_words, one.rivals)])}" for one in self.changed]
         if self.unknown_change:
             lines.append("changed: an unmodelled cause acts after, and not before")
         if self.varying:
-            lines.append(f"differs from log to log within the sets, hence no change: {', '.join(self.varying)}")
+            varying = ", ".join(map(effect_words, self.varying))
+            lines.append(f"differs from log to log within the sets, hence no change: {varying}")
         if self.unnamed[0] > UNNAMED:
             lines.append("an unmodelled cause acts before, so that no change can be named")
         lines += [f"a guess that may stand in for it: {one.says}" for one in self.guesses]
         if not self.changed and max(self.unnamed) <= UNNAMED:
             lines.append("no change was found; these logs would have shown")
-            lines += [f"  {label} ({size})" for label, size in self.smallest.items()]
+            for label, size in self.smallest.items():
+                name, _, number = size.partition(" ")
+                lines.append(f"  {label_words(label)} ({parameter_words(name)} {number})")
         return "\n".join(lines)
 
 

@@ -22,6 +22,7 @@ from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect, Parameter
 from leapgap.effects.drive import Drive
 from leapgap.effects.model_change import FIELDS, MOST, StatedChange
+from leapgap.effects.words import label_words, parameter_words
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
@@ -115,7 +116,8 @@ class Judgement:
         lines = [*self.notes, f"judged on {len(self.logs)} logs:"]
         for one in self.changes:
             low, high = one.share_ci95
-            told = f"{one.verdict}; share {one.share:.2f} ({low:.2f} to {high:.2f}), {one.gain:+.0f} nats"
+            wanted = f"the logs want {one.share:.2f} (95 %: {low:.2f} to {high:.2f}) of it"
+            told = f"{one.verdict}; {wanted}, evidence {one.gain:+.0f} nats"
             lines.append(f"  {one.title:<{width}}  {one.says}: {told}")
             if one.instead:
                 lines.append(f"  {'':<{width}}  compensates for {one.instead}")
@@ -278,9 +280,8 @@ def judge_change(search: Search, found: Found, changes: int, k: int) -> JudgedCh
 
 
 def numbered(hypothesis: Hypothesis, numbers: np.ndarray) -> str:
-    """``joint_friction at elbow, torque_nm 1.02 N·m``"""
+    """``joint Coulomb friction at elbow (torque 1.02 N·m)``"""
     own = hypothesis.clip(numbers)
-    told = ", ".join(
-        f"{p.name} {n:.3g} {p.unit}".removesuffix(" 1") for p, n in zip(hypothesis.parameters, own, strict=True)
-    )
-    return f"{hypothesis.label} ({told})"
+    pairs = zip(hypothesis.parameters, own, strict=True)
+    told = [f"{parameter_words(p.name)} {n:.3g} {p.unit}".removesuffix(" 1") for p, n in pairs]
+    return f"{label_words(hypothesis.label)} ({', '.join(told)})"

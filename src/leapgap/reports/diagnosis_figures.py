@@ -9,7 +9,8 @@ from plotly.subplots import make_subplots
 
 from leapgap.diagnosis.report import ReportContent
 from leapgap.diagnosis.summary import brief
-from leapgap.reports.channel_names import LABELS, effect_words, label_words, parameter_words, row_of
+from leapgap.effects.words import effect_words, label_words, parameter_words
+from leapgap.reports.channel_names import LABELS, row_of
 from leapgap.reports.colours import CORRECTED, GREY, NOMINAL, REAL
 from leapgap.reports.page import heat_map
 from leapgap.reports.similarity import Similarity

@@ -14,8 +14,8 @@ from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.report import Cause
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.effects.base import Effect
+from leapgap.effects.words import effect_words
 from leapgap.logs.log import Log
-from leapgap.reports.channel_names import effect_words
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 
