@@ -6,6 +6,7 @@ import types
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 import yaml
@@ -135,6 +136,21 @@ def test_mjlab_gets_actuators_with_lags_and_ranges_by_joint(folder: Path, monkey
     assert set(events) == {f"leapgap_{key}" for key in ("damping", "friction", "mass", "encoder_bias_FR_hip")}
 
 
+def test_mjlab_itself_takes_the_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where mjlab 1.6 is installed: its classes, its functions and an entity with its actuators in ``robot.xml``."""
+    entity = pytest.importorskip("mjlab.entity")
+    names = schemas.run(folder / "for_mjlab.py", {}, monkeypatch)
+    for term in names["EVENTS"].values():
+        schemas.accepts(term)
+    spec = mujoco.MjSpec.from_file(str(folder / "robot.xml"))
+    for motor in list(spec.actuators):
+        spec.delete(motor)
+    driven = entity.EntityArticulationInfoCfg(actuators=names["actuators"](0.001))
+    model = entity.Entity(entity.EntityCfg(spec_fn=lambda: spec, articulation=driven)).compile()
+    assert model.nu == 12
+    assert model.joint("RR_calf").frictionloss[0] == pytest.approx(0.7)
+
+
 def test_isaac_lab_gets_delayed_actuators_and_joints_drawn_together(
     folder: Path, robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -240,6 +256,19 @@ def test_playground_draws_whole_robots(folder: Path, robot: Robot, monkeypatch: 
         assert changed.body_mass == pytest.approx(file["body_mass"][:5])
     assert changed.geom_friction.shape == (5, *own.geom_friction.shape)
     assert {name for name, axis in vars(axes).items() if axis == 0} == {*fields, "geom_friction"}
+
+
+def test_mjx_itself_takes_the_robots(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where JAX and MJX are installed."""
+    jax, mjx = pytest.importorskip("jax"), pytest.importorskip("mujoco.mjx")
+    model = mujoco.MjModel.from_xml_path(str(folder / "robot.xml"))
+    draw = schemas.run(folder / "for_playground.py", {}, monkeypatch)["domain_randomize"]
+    changed, axes = draw(mjx.put_model(model), jax.random.split(jax.random.PRNGKey(0), 16), model)
+    with np.load(folder / "posterior.npz") as file:
+        table = file["damping"]
+    distance = np.abs(np.asarray(changed.dof_damping)[:, None, 6:] - table[None])
+    assert distance.max(axis=2).min(axis=1).max() < 1e-6  # each is one drawn robot
+    assert (axes.dof_damping, axes.qpos0) == (0, None)
 
 
 def test_nothing_of_a_strange_name_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
