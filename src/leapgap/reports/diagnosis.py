@@ -202,7 +202,7 @@ class Report:
         check_viewer(viewer)
         inside = self.embedded() if viewer == EMBEDDED else None
         replays, replayable = (self.nominal, self.corrected), (folder / CORRECTED / NOMINAL).is_file()
-        page = html(self.content, self.logs, self.robot, *replays, inside, replayable, picture, loop)
+        page = html(self.content, self.logs, self.robot, *replays, inside, replayable, picture, loop, self.correction)
         write_text(folder / PAGE, page)
 
     def loop(self) -> Loop | None:

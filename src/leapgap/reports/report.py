@@ -19,12 +19,14 @@ from leapgap.diagnosis.localisation import Place, phase_names
 from leapgap.diagnosis.next_experiment import in_noises
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.diagnosis.summary import brief
+from leapgap.effects.base import Effect
 from leapgap.effects.words import effect_words, parameter_words, sentence_words
 from leapgap.logs.log import Log
 from leapgap.reports.channel_names import channel_title, channel_words, unit_of
 from leapgap.reports.channels_data import channels_data
 from leapgap.reports.diagnosis_figures import closures, gap_map, gap_per_log, horizons, profiles, similarities
 from leapgap.reports.page import embed_json, render_page
+from leapgap.reports.residual_force import residual_figure, residual_force
 from leapgap.reports.similarity import similarity
 from leapgap.robot.loop import Loop
 from leapgap.robot.model import Robot
@@ -50,11 +52,12 @@ def html(
     replayable: bool = True,
     picture: bytes | None = None,
     loop: Loop | None = None,
+    correction: tuple[Effect, ...] = (),
 ) -> str:
     """The page as HTML text; equal reports give equal bytes. ``viewer`` is put inside, beside the plots.
 
     ``replayable``: whether leapgap takes the folder ``corrected`` beside the page as a robot. ``picture``:
-    a PNG of the robot; ``loop``: one of its motion.
+    a PNG of the robot; ``loop``: one of its motion; ``correction``: the effects that ``corrected`` was made with.
     """
     figures = {
         "map": gap_map(report, robot, phase_names(logs)),
@@ -70,6 +73,12 @@ def html(
     alike = similarity(report.causes, logs, robot, **lengths)
     if alike is not None:
         figures["similarity"] = similarities(alike)
+    if report.residual_force:
+        log = next(one for one in logs if one.name == report.median_log)
+        course = residual_force(log, robot, [(), correction] if report.answer else [()])
+        units = {one.at: one.unit for one in report.residual_force}
+        if course is not None:
+            figures["force"] = residual_figure(course, robot.joints, [units.get(one, "") for one in robot.joints])
     channels = channels_data(report, logs, robot, nominal, corrected if report.answer else None)
     return render_page(
         Path(__file__).with_name("report.html"),
