@@ -7,7 +7,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.logs.log import read_logs
-from leapgap.reports.residual_force import INTERVAL_S, residual_figure, residual_force
+from leapgap.reports.residual_force import INTERVAL_S, residual_figure, residual_force, state_figure
 from leapgap.robot.model import Robot
 from tests import plain_arm
 
@@ -34,6 +34,15 @@ def test_a_constant_torque_lacks_at_its_joint_and_nothing_once_it_is_known(tmp_p
     before, after = (float(size) for size in elbow.removeprefix("elbow: ").removesuffix(" N·m").split(" → "))
     assert (before, after) == (pytest.approx(TORQUE, rel=0.05), pytest.approx(0, abs=0.05 * TORQUE))
     assert shoulder.startswith("shoulder: ")
+    by_velocity, by_position, by_acceleration = state_figure(found, robot.joints, ["N·m", "N·m"]).data[:3]
+    ends = [found.time - INTERVAL_S / 2, found.time + INTERVAL_S / 2]
+    (first, last), (slow, fast) = (
+        [np.interp(at, log.time, log[f"{q}/elbow"]) for at in ends] for q in ("joint_pos", "joint_vel")
+    )
+    np.testing.assert_allclose(by_position.x, (first + last) / 2, atol=0.02)
+    np.testing.assert_allclose(by_velocity.x, (slow + fast) / 2, atol=0.05)
+    np.testing.assert_allclose(by_acceleration.x, (fast - slow) / INTERVAL_S, atol=1.0)
+    assert by_velocity.y == by_position.y == by_acceleration.y
 
 
 def test_a_log_shorter_than_two_replays_has_no_course(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

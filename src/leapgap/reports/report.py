@@ -26,7 +26,7 @@ from leapgap.reports.channel_names import channel_title, channel_words, unit_of
 from leapgap.reports.channels_data import channels_data
 from leapgap.reports.diagnosis_figures import closures, gap_map, gap_per_log, horizons, profiles, similarities
 from leapgap.reports.page import embed_json, render_page
-from leapgap.reports.residual_force import residual_figure, residual_force
+from leapgap.reports.residual_force import residual_figure, residual_force, state_figure
 from leapgap.reports.similarity import similarity
 from leapgap.robot.loop import Loop
 from leapgap.robot.model import Robot
@@ -78,7 +78,8 @@ def html(
         course = residual_force(log, robot, [(), correction] if report.answer else [()])
         units = {one.at: one.unit for one in report.residual_force}
         if course is not None:
-            figures["force"] = residual_figure(course, robot.joints, [units.get(one, "") for one in robot.joints])
+            of_joints = robot.joints, [units.get(one, "N·m") for one in robot.joints]
+            figures |= {"force": residual_figure(course, *of_joints), "by_state": state_figure(course, *of_joints)}
     channels = channels_data(report, logs, robot, nominal, corrected if report.answer else None)
     return render_page(
         Path(__file__).with_name("report.html"),

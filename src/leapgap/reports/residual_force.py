@@ -20,7 +20,7 @@ INTERVAL_S = 0.05
 """Length of the replays, s: long beside the noise of sensors, short beside a motion."""
 NO_RESPONSE = 0.01
 """Share of the usual response, squared, below which no torque is told: the motor gives all it can."""
-MOST_JOINTS = 6
+MOST_JOINTS, MOST_BY_STATE = 6, 2
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,10 @@ class ForceCourse:
     """Middle of each replay, (replays,), s."""
     force: np.ndarray
     """Nominal, then corrected, (simulations, replays, joints), N·m or N."""
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    """Of the joints, on average over each replay, (replays, joints)."""
 
 
 def residual_force(log: Log, robot: Robot, corrections: Sequence[tuple[Effect, ...]]) -> ForceCourse | None:
@@ -65,7 +69,11 @@ def residual_force(log: Log, robot: Robot, corrections: Sequence[tuple[Effect, .
         normal += NO_RESPONSE * np.diag(np.median(np.diagonal(normal, axis1=1, axis2=2), axis=0) + 1e-300)
         found.append(np.linalg.solve(normal, np.einsum("kij,ki->kj", response, missed)[..., None])[..., 0])
     middle = (log.time[begins] + log.time[begins + rows]) / 2
-    return ForceCourse(middle, np.array(found))
+    mean = (starts.states[:count] + starts.states[1 : count + 1]) / 2
+    gain = starts.states[1 : count + 1] - starts.states[:count]
+    acceleration = gain[:, of_joints[len(robot.joints) :]] / (log.time[begins + rows] - log.time[begins])[:, None]
+    position, velocity = np.split(mean[:, of_joints], 2, axis=1)
+    return ForceCourse(middle, np.array(found), position, velocity, acceleration)
 
 
 def residual_figure(found: ForceCourse, joints: Sequence[str], units: Sequence[str]) -> go.Figure:
@@ -94,4 +102,34 @@ def residual_figure(found: ForceCourse, joints: Sequence[str], units: Sequence[s
     figure.update_xaxes(title_text="s", title_standoff=2)
     figure.update_annotations(font_size=13)
     figure.update_layout(height=40 + 200 * rows, margin={"l": 45, "r": 15, "t": 30, "b": 40})
+    return figure
+
+
+def state_figure(found: ForceCourse, joints: Sequence[str], units: Sequence[str]) -> go.Figure:
+    """The force at the joints that lack most against their velocity, position and acceleration."""
+    sizes = np.sqrt((found.force[0] ** 2).mean(axis=0))
+    shown = np.argsort(-sizes, kind="stable")[:MOST_BY_STATE].tolist()
+    of_unit = {j: ("m/s", "m", "m/s²") if units[j] == "N" else ("rad/s", "rad", "rad/s²") for j in shown}
+    quantities = {"velocity": found.velocity, "position": found.position, "acceleration": found.acceleration}
+    titles = [f"{joints[j]}, {units[j]}, by its {what}" for j in shown for what in quantities]
+    figure = make_subplots(
+        rows=len(shown), cols=3, subplot_titles=titles, horizontal_spacing=0.06, vertical_spacing=0.35 / len(shown)
+    )
+    for force, name, colour in zip(found.force, ("nominal", "corrected"), (NOMINAL, CORRECTED), strict=False):
+        for row, j in enumerate(shown, start=1):
+            for column, values in enumerate(quantities.values(), start=1):
+                figure.add_scatter(
+                    x=[float(f"{value:.3g}") for value in values[:, j]],
+                    y=[float(f"{value:.3g}") for value in force[:, j]],
+                    name=name,
+                    mode="markers",
+                    showlegend=False,
+                    marker={"color": colour, "size": 4, "opacity": 0.6},
+                    row=row,
+                    col=column,
+                )
+                unit = of_unit[j][column - 1]
+                figure.update_xaxes(title_text=unit, title_standoff=2, row=row, col=column)
+    figure.update_annotations(font_size=13)
+    figure.update_layout(height=40 + 210 * len(shown), margin={"l": 45, "r": 15, "t": 30, "b": 40})
     return figure
