@@ -319,7 +319,7 @@ class Bench:
 
         Such an effect does not grow with its number (a lag, a limit), but what it does to the torques is known at any.
         One after another they are replayed at all joints at once, by long steps, and shared out by the responses to
-        torques.
+        torques, which several feet on the ground do not tell apart.
         """
         present, forces = {h.name for h, _ in near.acting}, near.basis.linearisation.forces
         rough, chunks = rough_steps(near.intervals), Chunks.of(near.intervals)
@@ -331,7 +331,8 @@ class Bench:
                 continue
             ladder = everywhere.ladder
             sets = [[(*own, everywhere.on(log, numbers)) for own, log in of_logs] for numbers in ladder]
-            at = places(of_kind.kind, self.robot) if of_kind.kind.along_joints else {"all": ()}
+            apart = of_kind.kind.along_joints and not self.robot.feet
+            at = places(of_kind.kind, self.robot) if apart else {"all": ()}
             found: list[tuple[Hypothesis, np.ndarray]] = []
             columns: list[list[np.ndarray]] = []
             changes = rough.changes(sets, near.basis.linearisation.transitions)
