@@ -46,3 +46,14 @@ class SimulationSettings(Effect):
         """The same with one setting times a factor, or with the other cone."""
         changed: dict[str, Any] = {name: not self.other_cone if name == "other_cone" else by * getattr(self, name)}
         return replace(self, **changed)
+
+    @property
+    def in_words(self) -> str:
+        """What is changed of contacts, in the terms of a model file."""
+        factors = {
+            "impratio": self.friction_impedance,
+            "1 − solimp's impedance": self.slack,
+            "solimp's width": self.width,
+        }
+        changes = [f"{name} × {by:.3g}" for name, by in factors.items() if by != 1]
+        return ", ".join([*(["the other friction cone"] if self.other_cone else []), *changes])
