@@ -18,6 +18,7 @@ from leapgap.diagnosis.engine.pruning import needed
 from leapgap.diagnosis.engine.responses import departed
 from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
 from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import overrides
 
 LEAST_GAIN = 30.0
@@ -42,6 +43,11 @@ LIKELY = 0.5
 """Share of the gain of the best set that another has to have by its columns to be replayed."""
 TRIED = 12
 """Number of effects that are replayed to both sides where columns tell little."""
+CONTACTS = (
+    ("other_cone", 0.0),
+    *((name, by) for name in ("friction_impedance", "slack", "width") for by in (0.3, 3.0)),
+)
+"""Settings of contacts with the factors by which they are tried."""
 AT_LEAST = 4.0
 """An effect far from nominal does what its column says times one, with this inverse variance."""
 SETTLED = 2.0
@@ -81,6 +87,11 @@ class Found:
     def unnamed(self) -> float:
         """Evidence of a force without a name beside the set, nats: u."""
         return float((self.by_level.max(axis=0) - self.by_level[0]).sum())
+
+    @property
+    def simulation(self) -> tuple[SimulationSettings, ...]:
+        """Settings of the simulation that are not the given one's."""
+        return self.point.intervals.simulation
 
     @property
     def unexplained(self) -> bool:
@@ -144,11 +155,13 @@ class Search:
         start = self.judge(self.bench.nominal())
         answer, other = self.ascend(start), start
         if answer.unexplained and self.bench.robot.feet:
-            other = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD)), replay=True)
+            other = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD, answer.simulation)), replay=True)
         elif answer.unexplained:
             other = replace(self, most=MOST_TOGETHER).ascend(self.together(answer))
         likelier = other.evidence > answer.evidence and other.worth > answer.worth
         answer = other if other.members and likelier else answer
+        if answer.simulation:
+            start = self.judge(self.bench.nominal(0.0, answer.simulation)) if answer.members else answer
         return start, self.linearised_about(answer) if answer.members and answer.unnamed > SOME else answer
 
     def ascend(self, now: Found, replay: bool = False) -> Found:
@@ -160,6 +173,10 @@ class Search:
             tried = self.promising(now, linear)
             if replay and not now.members:
                 tried += self.replayed(now)
+            simulated = self.otherwise_simulated(now, tried)
+            if simulated is not now:
+                now = simulated
+                continue
             if not tried:
                 break
             best = max(tried, key=lambda one: one.worth)
@@ -271,6 +288,31 @@ class Search:
         best = {h.label: (h, numbers) for gain, h, numbers in reversed(gains) if gain > WORTH_A_LOOK}
         few = few_of_each([h for gain, h, _ in gains if gain > WORTH_A_LOOK], 2 * ALIKE)
         return [best[label] for label in list(dict.fromkeys(h.label for h in few))[:SHORTLIST]]
+
+    def otherwise_simulated(self, now: Found, tried: Sequence[Found]) -> Found:
+        """The set by another simulation of contacts, where that gains more than sets that were tried.
+
+        No robot is as its simulation in how contacts are computed, and what a cone or an impedance changes at the edge
+        of slipping is far from linear.
+        """
+        if not (now.unexplained and self.bench.robot.feet):
+            return now
+        (settings,) = now.simulation or (SimulationSettings(),)
+        trials = [(settings.changed(name, by),) for name, by in CONTACTS]
+        part = self.part(now.point)
+        points = [replace(part, intervals=part.intervals.simulated_by(own)) for own in (now.simulation, *trials)]
+        before, *others = (self.bench.glance(point, now.acting) for point in points)
+        best = int(np.argmax(others))
+        least = max([SOME, *(one.predictive - now.predictive for one in tried)])
+        if others[best] - before <= least * self.bench.some.mean():
+            return now
+        point = now.point
+        intervals = point.intervals.simulated_by(trials[best])
+        other = self.settle(self.judge(self.bench.linearised(intervals, point.acting, point.basis)))
+        if other.unnamed >= now.unnamed:
+            return now
+        self.progress(f"by other contacts ({CONTACTS[best][0]}): unexplained {now.unnamed:.0f} to {other.unnamed:.0f}")
+        return replace(other, rivals=now.rivals)
 
     def judge(self, point: Point, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> Found:
         """What the logs say of a point's set, and further effects, with the levels that suit it."""
