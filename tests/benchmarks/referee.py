@@ -190,7 +190,7 @@ def fitted_a1(rng: np.random.Generator, folder: Path) -> dict[str, Any]:
             run = plan.run(robot_now, robot)
             q, v = (log.per_joint(name, own.names) for name in ("joint_pos", "joint_vel"))
             base = np.stack([log[f"base_pos_{axis}"] for axis in "xyz"], axis=1)
-            parts = ((run.shown - q) / 3e-3, (run.speed - v) / 0.2, (run.qpos[:, :3] - base) / 3e-3)
+            parts = ((run.shown - q) / 0.03, (run.speed - v) / 2, (run.qpos[:, :3] - base) / 0.03)
             found.append(np.concatenate([np.clip(one[::4], -30, 30).ravel() for one in parts]))
         return np.concatenate(found)
 

@@ -96,7 +96,15 @@ def test_a_verdict_is_kept_by_the_code_it_is_made_with_and_no_more() -> None:
     """Its page is part of it; recordings, pages of other results and the code that knows a sweep's jobs are not."""
     hashed = closure(diagnose_folder.__module__)
     views = {name for name in hashed if name.startswith("leapgap.reports.")}
-    figures = ("channel_names", "channels_data", "colours", "diagnosis_figures", "notebook", "similarity")
+    figures = (
+        "channel_names",
+        "channels_data",
+        "colours",
+        "diagnosis_figures",
+        "notebook",
+        "residual_force",
+        "similarity",
+    )
     assert views == {f"leapgap.reports.{name}" for name in ("diagnosis", "page", "report", "viewer", *figures)}
     assert hashed >= closure("leapgap.diagnosis.diagnose")
     used = {name for name in closure("stages.diagnose") if name.startswith("leapgap.")}
