@@ -171,7 +171,7 @@ class Columns:
                 assert known is not None
                 found += [[own[:, :, known.keys.index(key)] for own in known.values] for key in new]
                 continue
-            by_replay = h.kind.along_joints or (overrides(h.kind, "change_measured") and not robot.feet)
+            by_replay = not robot.feet and (h.kind.along_joints or overrides(h.kind, "change_measured"))
             forces = None if by_replay else closed_form(h.kind, single, context)
             if forces is not None:
                 for key, force in zip(new, forces, strict=True):
