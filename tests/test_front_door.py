@@ -224,6 +224,7 @@ def test_effects_mean_in_a_call_what_they_mean_in_the_command(folder: Path) -> N
     assert (cause.effect, cause.location) == ("joint_damping", "elbow") and low < cause.parameters[
         "damping"
     ].value < high
+    assert repr(report) == str(report)
     shown = report._repr_html_()
     assert shown.startswith("<p><b>named</b>: viscous friction") and "<td>elbow</td><td>damping</td>" in shown
     with pytest.raises(lg.InputError, match=r"effects: found joint_dampng; .*did you mean joint_damping\?"):

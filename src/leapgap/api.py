@@ -123,6 +123,9 @@ class CheckReport:
         """Whether no check failed."""
         return all(result.passed for result in self.results)
 
+    def __repr__(self) -> str:
+        return str(self)
+
     def __str__(self) -> str:
         """A line for each check."""
         lines = [f"{'passed' if one.passed else 'FAILED'}  {one.name}: {one.says}" for one in self.results]

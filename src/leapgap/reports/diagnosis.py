@@ -80,7 +80,7 @@ class Report:
     nominal: Mapping[str, Log]
     """Replays by the nominal robot, by the log's name."""
     corrected: Mapping[str, Log]
-    """Replays with the answer as fitted without the log, by the log's name."""
+    """Replays with the identified causes as fitted without the log, by the log's name."""
     record: Callable[["Report", Path], None] | None = field(default=None, compare=False)
     """Writes a recording of the report, where recordings are wanted."""
 
@@ -152,6 +152,10 @@ class Report:
         if content.not_judged:
             lines.append(f"not judged: {'; '.join(content.not_judged)}")
         return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        """As it is printed: logs and replays by their values would fill pages of a terminal."""
+        return str(self)
 
     def _repr_html_(self) -> str:
         """What a notebook shows of the report."""
@@ -248,7 +252,7 @@ def cause_in_words(cause: Cause) -> str:
         f"{name} {one.value:.3g}{'' if one.unit == '1' else f' {one.unit}'} ({one.ci95[0]:.3g} to {one.ci95[1]:.3g})"
         for name, one in cause.parameters.items()
     )
-    closes = f"explains {100 * cause.closure.value:.0f} %, probability {cause.probability:.2f}"
+    closes = f"explains {100 * cause.closure.value:z.0f} %, probability {cause.probability:.2f}"
     return f"  {cause.effect}{place}: {numbers}, {closes}"
 
 
