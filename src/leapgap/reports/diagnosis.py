@@ -32,7 +32,7 @@ from leapgap.runtime.output_folder import merged_folder
 from leapgap.simulation.corrected import NOMINAL, write_corrected
 from leapgap.simulation.replay import Replayer
 
-if TYPE_CHECKING:  # a diagnosis is made without its page, so that a change of the page makes none anew
+if TYPE_CHECKING:  # a diagnosis is made without its page, so that a change of the page reruns none
     from leapgap.reports.viewer import EmbeddedViewer
 
 LIGHT, EMBEDDED = "light", "embedded"
@@ -180,7 +180,7 @@ class Report:
     def write(self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None, loop: Loop | None = None) -> None:
         """Write ``report.json``, ``report.html``, ``corrected/`` and ``best/`` into a folder.
 
-        ``best/`` is left out where no best simulator was asked for, or where it is the answer. ``viewer`` as of
+        ``best/`` is left out where no best simulator was asked for, or where it equals ``corrected/``. ``viewer`` as of
         ``save``; ``picture`` is a PNG of the robot for the page, ``loop`` one of its motion.
         """
         self.write_data(folder)
@@ -262,7 +262,7 @@ class ChosenLogs:
 
     logs: tuple[Log, ...]
     set_aside: Mapping[str, str]
-    """Name → reason of each log that could not be used, or departs from its fellows."""
+    """Name → reason of each log that could not be used, or departs from the others."""
     left_out: tuple[str, ...]
     """A sentence on stretches or logs that are left out since there are more than a diagnosis can use."""
     notes: tuple[str, ...]
@@ -270,9 +270,9 @@ class ChosenLogs:
 
     @staticmethod
     def of(readings: Readings, progress: Callable[[str], None] = lambda _: None) -> "ChosenLogs":
-        """Logs without those that depart from their fellows; of more rows than a diagnosis can use, stretches.
+        """Logs without those that depart from the others; of more rows than a diagnosis can use, stretches.
 
-        A single long log is cut into parts, so that there are others to judge a cause on. ``progress`` is told what is
+        A single long log is cut into parts, so that there are others to judge a cause on. ``progress`` gets what is
         set aside and left out.
         """
         logs, departing = without_departing(readings.logs)

@@ -1,4 +1,4 @@
-"""One case of the blind check: its jump logs, and the truth about what acts in them."""
+"""One case of the benchmark: its jump logs, and the truth about what acts in them."""
 
 import hashlib
 from collections.abc import Mapping, Sequence

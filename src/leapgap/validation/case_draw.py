@@ -1,4 +1,4 @@
-"""The cases of the blind check: kind, effects, sizes and locations, drawn by seed and shuffled."""
+"""The cases of the benchmark: kind, effects, sizes and locations, drawn by seed and shuffled."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The scores of the blind check: the keys of ``metrics/blind.json``, counted from the outcomes of the cases."""
+"""The scores of the benchmark: the keys of ``metrics/blind.json``, counted from the outcomes of the cases."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
