@@ -70,7 +70,7 @@ def no_logs(path: Path, kind: str, robot: Robot | None = None) -> InputError:
         return InputError(path, f"no {kind}", "one log or more", "name the folder of the logs, or their format")
     model = robot.path if robot else "<robot.xml>"
     do = f"leapgap import {path} {model} --out imported; then name the folder 'imported' in place of this one"
-    return InputError(path, f"no {kind}, but logs of format {layout.name}", "logs of leapgap", do)
+    return InputError(path, f"no {kind}, but logs of format {layout.name}", "logs in leapgap's format", do)
 
 
 def read_foreign(path: Path, format: str, robot: Robot | PathLike | None, options: Any) -> Readings:
