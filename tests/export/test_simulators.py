@@ -95,6 +95,15 @@ def test_ranges_are_those_of_the_intervals(folder: Path, robot: Robot) -> None:
     assert found["numbers"]["command_delay at all: delay_s"]["standard_deviation"] == pytest.approx(0.0014 / SIGMAS)
 
 
+def test_numbers_of_a_robot_keep_no_model_in_memory(robot: Robot, posterior: Posterior) -> None:
+    numbers = CorrectedRobot(posterior, robot, {}).numbers(posterior.mean)
+    for name, array in numbers.arrays.items():
+        owner = array
+        while isinstance(owner, np.ndarray) and owner.base is not None:
+            owner = owner.base
+        assert isinstance(owner, np.ndarray), name
+
+
 def test_every_row_of_the_samples_is_one_robot(folder: Path, robot: Robot) -> None:
     with np.load(folder / "posterior.npz") as file:
         table = {name: file[name] for name in file.files}
