@@ -130,6 +130,12 @@ def test_a_page_says_at_its_top_for_whom_it_is_and_what_one_can_do_after_it(page
     assert re.match(r"\*For \w[^*]*\.\sAfter\sthis\spage\s[^*]*\.", rest), page
 
 
+def test_the_count_of_effects_is_that_of_the_code() -> None:
+    assert f"among {len(effects.known())} effects" in TEXTS["README.md"]
+    stated = f"searches {len(effects.known())} effects ({len(effects.by_default())} on a free base, unless named)"
+    assert stated in TEXTS["docs/explanation/comparison.md"]
+
+
 def test_the_front_page_and_the_docs_are_short() -> None:
     assert len(TEXTS["README.md"].splitlines()) <= MOST_README_LINES
     words = sum(bool(re.search(r"\w", word)) for text in TEXTS.values() for word in text.split())
