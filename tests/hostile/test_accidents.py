@@ -12,7 +12,6 @@ import pytest
 
 from leapgap.robot.model import Robot
 from leapgap.runtime.executor import Executor
-from tests import plain_arm
 from tests.code import ROOT
 from tests.hostile.kills import (
     CALLS,
@@ -180,26 +179,6 @@ def test_a_full_disk_is_a_message_that_says_what_was_kept(raw: Path, tmp_path: P
     assert_refused(import_logs(raw, out, 50_000), "File too large", f"{out} is as it was")
     assert files(out) == before
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
-
-
-def test_a_full_disk_is_a_message_of_the_command_that_names_the_folder(tmp_path: Path) -> None:
-    logs, model, out = (
-        plain_arm.write_parquet(tmp_path / "logs", logs=1),
-        plain_arm.write_model(tmp_path),
-        tmp_path / "out",
-    )
-    done = subprocess.run(
-        [sys.executable, "-m", "leapgap.cli", "replay", str(logs), str(model), "--out", str(out)],
-        env=environment(),
-        capture_output=True,
-        text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (32_000, 32_000)),
-        check=False,
-    )
-    assert done.returncode == 2
-    assert done.stderr.startswith(f"leapgap replay: {out}: found ") and len(done.stderr.splitlines()) == 1, done.stderr
-    assert "File too large" in done.stderr and f"{out} is as it was" in done.stderr
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["arm.xml", "logs"]
 
 
 @pytest.mark.filterwarnings("error")

@@ -303,25 +303,6 @@ def test_a_file_of_noise_is_refused(arm: Robot, tmp_path: Path, name: str, file:
         read(name, tmp_path / file, arm, "t", "/q[*]")
 
 
-@pytest.mark.parametrize("name", ["npz", "parquet", "hdf5", "mat"])
-@pytest.mark.parametrize("share", [0.3, 0.9])
-def test_a_file_that_is_cut_off_is_refused(arm: Robot, tmp_path: Path, name: str, share: float) -> None:
-    path = tmp_path / "a"
-    with path.open("wb") as file:
-        if name == "npz":
-            np.savez(file, t=TIME, q=Q)
-        elif name == "parquet":
-            pq.write_table(pa.table({"t": TIME, "q": list(Q)}), file)
-        elif name == "mat":
-            scipy.io.savemat(file, {"t": TIME, "q": Q})
-    if name == "hdf5":
-        with h5py.File(path, "w") as data:
-            data["t"], data["q"] = TIME, Q
-    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
-    with pytest.raises(InputError):
-        read(name, path, arm, "t", "q[*]")
-
-
 def test_single_numbers_of_a_matlab_file_are_arrays_too(tmp_path: Path) -> None:
     """A period that stands beside the columns is what a proposed map takes the clock from."""
     scipy.io.savemat(tmp_path / "a.mat", {"dt": 0.01, "log": {"q": Q, "rate": 100}, "note": "by hand"})

@@ -60,13 +60,23 @@ def test_a_cause_is_right_if_it_is_listed_with_its_value_in_the_range(found: Cau
     assert not is_expected(found, {})
 
 
+def naming(named: Cause, **further: object) -> SimpleNamespace:
+    """The content of a report that names one cause."""
+    return SimpleNamespace(
+        causes=(named,),
+        answer=((named.effect,),),
+        closure_of_answer=None,
+        verdict="named",
+        gap_nominal=1.0,
+        headline=SimpleNamespace(horizon_s=None),
+        gap_per_log={},
+        **further,
+    )
+
+
 def test_a_case_without_a_published_answer_is_neither_right_nor_false() -> None:
     """Whatever is named; a case whose answer is to name nothing is another matter."""
-    named = cause("joint_friction", torque_nm=0.5)
-    content = SimpleNamespace(
-        causes=(named,), answer=(("joint_friction",),), closure_of_answer=None, verdict="named", gap_nominal=1.0
-    )
-    content.headline, content.gap_per_log = SimpleNamespace(horizon_s=None), {}
+    content = naming(cause("joint_friction", torque_nm=0.5))
     case = RealCase("arm", "logs", "robot.xml", "nothing", None, False, None)
     for expected, right, false_name in ((None, None, False), ({}, False, True), (FRICTION, True, False)):
         row = outcome_of(replace(case, expected=expected), content, 1.0)
@@ -87,15 +97,7 @@ def test_a_case_is_left_out_where_its_files_are_absent(tmp_path: Path) -> None:
 
 
 def test_an_answer_without_what_a_motion_was_made_for_is_not_right() -> None:
-    content = SimpleNamespace(
-        causes=(cause("joint_friction", torque_nm=0.5),),
-        answer=(("joint_friction",),),
-        closure_of_answer=None,
-        verdict="named",
-        gap_nominal=1.0,
-        headline=SimpleNamespace(horizon_s=None),
-        gap_per_log={},
-    )
+    content = naming(cause("joint_friction", torque_nm=0.5))
     case = RealCase("arm", "logs", "robot.xml", "friction", FRICTION, False, None, asked=["joint_friction"])
     assert outcome_of(case, content, 1.0)["right"]
     row = outcome_of(replace(case, asked=["joint_play"]), content, 1.0)
@@ -289,11 +291,6 @@ def test_a_push_is_found_at_its_joint_time_and_sign(
 @pytest.mark.parametrize(("impulse", "right"), [(-0.18, True), (-0.1, False)])
 def test_pushes_are_right_where_most_of_their_impulse_is_told(tmp_path: Path, impulse: float, right: bool) -> None:
     case = RealCase("acrobot", "acrobot", "robot.xml", "pushes", {"external_push": {}}, False, None)
-    named = cause("external_push")
-    content = SimpleNamespace(
-        causes=(named,), answer=(("external_push",),), closure_of_answer=None, verdict="named", gap_nominal=1.0
-    )
-    content.headline, content.gap_per_log = SimpleNamespace(horizon_s=None), {}
-    content.outside_forces = (force(0.5, 0.1), force(1.5, impulse))
+    content = naming(cause("external_push"), outside_forces=(force(0.5, 0.1), force(1.5, impulse)))
     row = outcome_of(case, content, 1.0, pushes_of(tmp_path))
     assert (row["right"], row["false_name"]) == (right, False)
