@@ -9,6 +9,7 @@ import yaml
 
 from leapgap.cli import main
 from leapgap.errors import InputError
+from leapgap.logs.importers import log_format
 from leapgap.logs.log import read_logs
 from leapgap.logs.map_proposal.names import families, quantity_by_words, words
 from leapgap.logs.map_proposal.report import propose_map
@@ -152,6 +153,22 @@ def test_a_torque_that_was_sent_and_measured_leaves_no_room_for_a_joint_pd(arm: 
     assert options["joint_names"] == {"left": "shoulder", "right": "elbow"}
     assert options["constants"] == {f"cmd_{name}/*": 0.0 for name in ("pos", "vel", "kp", "kd")}
     assert "the measured torque is 0.95 times the one that was sent" in text
+
+
+def test_set_points_beside_a_sent_torque_leave_nothing_in_the_map(arm: Robot, tmp_path: Path) -> None:
+    """Ticks of an encoder have their zero in the middle of a turn: their offset goes with the columns."""
+    truth, turn = motion(), 2 * np.pi / 4096
+    columns = {"time": truth["time"]}
+    for i, joint in enumerate(arm.joints):
+        ticks = {kind: np.round(truth[of][:, i] / turn + 2048) for kind, of in (("angle", "q"), ("angle_ref", "q_set"))}
+        columns |= {f"{joint}_{kind}": values for kind, values in ticks.items()}
+        columns |= {f"{joint}_torque_{kind}": truth["torque"][:, i] for kind in ("cmd", "meas")}
+    path = write_table(tmp_path / "a.csv", columns)
+    options, text = propose(path, arm)
+    assert options["offsets"].keys() == {"joint_pos/*"} and "cmd_pos is" not in text
+    layout = log_format("csv")
+    log = layout.read(path, "a", arm, layout.Options(**options))
+    assert log["joint_pos/elbow"] == pytest.approx(truth["q"][:, 1], abs=turn)
 
 
 def test_what_cannot_be_told_is_missing_and_not_assumed(arm: Robot, tmp_path: Path) -> None:
