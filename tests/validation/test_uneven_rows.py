@@ -17,11 +17,7 @@ from leapgap.validation.case import CaseSetup, WithheldCase, further_jumps, with
 from leapgap.validation.case_draw import Case, FurtherCounts, FurtherKinds, Half, draw_cases
 from leapgap.validation.generator import Generator, Nuisance
 from leapgap.validation.physics import OTHERS, physics_of
-from leapgap.validation.uneven_rows import (
-    FAMILIES,
-    ClockFamily,
-    UnevenRows,
-)
+from leapgap.validation.uneven_rows import FAMILIES, ClockFamily, UnevenRows
 from stages.common import CONF
 from tests.conftest import standing
 
