@@ -14,8 +14,8 @@ from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import HOST, partial, whole_file, write_text
 from leapgap.runtime.output_folder import MARKER, claim_folder, folder_lock, whole_folder
 from tests.code import ROOT
+from tests.commands import assert_refused, stage
 from tests.logs.test_importers import write_published
-from tests.stages.test_by_hand import assert_refused, stage
 
 TEST = "leapgap test"
 HOLD = """

@@ -1,7 +1,5 @@
 """The table of real robots: what counts as right, and that absent data are left out."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -36,6 +34,7 @@ from leapgap.validation.real_robots import (
     toss_loss,
 )
 from tests.code import ROOT
+from tests.commands import stage
 
 NO_PD = ("cmd_pos/hinge", "cmd_vel/hinge", "cmd_kp/hinge", "cmd_kd/hinge")
 FRICTION = {"joint_friction": {"torque_nm": [-0.1, 0.9]}}
@@ -153,15 +152,9 @@ def test_a_case_after_another_is_judged_against_the_robot_that_was_corrected_the
 
 
 def test_without_any_data_the_stage_says_so_and_writes_no_metrics(tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "stages.robots",
-        f"robots.raw={tmp_path / 'raw'}",
-        f"robots.out={tmp_path / 'out'}",
-    ]
-    command += [f"robots.metrics={tmp_path / 'metrics.json'}", f"hydra.run.dir={tmp_path / 'run'}"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    arguments = {"raw": tmp_path / "raw", "out": tmp_path / "out", "metrics": tmp_path / "metrics.json"}
+    given = [f"robots.{key}={value}" for key, value in arguments.items()]
+    done = stage("robots", *given, f"hydra.run.dir={tmp_path / 'run'}")
     assert done.returncode == 0, done.stderr
     cases = OmegaConf.load(ROOT / "conf/robots/default.yaml").cases
     assert done.stdout.count("left out") == len(cases) > 6
