@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
-from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, Found, Projection, Search, few_of_each
-from leapgap.diagnosis.engine.verdict import UNNAMED
+from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, UNNAMED, Found, Projection, Search, few_of_each
 from leapgap.diagnosis.judge import numbered
 from leapgap.diagnosis.paired_search import Difference, PairedBench, PairedSearch, differences, effect_of
 from leapgap.diagnosis.refereed_logs import RefereedLogs

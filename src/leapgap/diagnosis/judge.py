@@ -15,8 +15,7 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
 from leapgap.diagnosis.engine.points import ABSENT
-from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, Found, Search, few_of_each, screen
-from leapgap.diagnosis.engine.verdict import UNNAMED
+from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, UNNAMED, Found, Search, few_of_each, screen
 from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.refereed_logs import AtHorizon, RefereedLogs
 from leapgap.diagnosis.settings import Settings

@@ -307,6 +307,13 @@ class Effect(ABC):
         """Whether the effect is absent from this robot: every parameter has its default, or the model's own value."""
         return all(self.values.get(p.name, p.nominal) == p.nominal for p in self.parameters(robot, self.location))
 
+    def on_model_ground(self) -> "tuple[Effect, ...]":
+        """Effects that do the same to what is reported and leave the ground as the model has it; by default this one.
+
+        Contacts are far from linear in the ground, and no contact changes where ground and robot move together.
+        """
+        return (self,)
+
     @classmethod
     def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
         """Generalised force that it adds along a motion of the nominal robot, per unit of each parameter at nominal.

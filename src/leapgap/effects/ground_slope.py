@@ -7,6 +7,8 @@ import numpy as np
 
 from leapgap.effects.base import Effect, parameter, recompute_constants
 from leapgap.effects.contact import ground_under
+from leapgap.effects.frame_tilt import FrameTilt
+from leapgap.effects.gravity_direction import GravityDirection
 from leapgap.robot.model import Robot
 from leapgap.robot.terrain import ground_bodies
 
@@ -29,6 +31,10 @@ class GroundSlope(Effect):
         bodies = model.geom_bodyid.tolist()
         grounded = any(ground_under(model, geom) is not None for geom, body in enumerate(bodies) if body)
         return super().lacks(robot) or (None if robot.has_free_base or grounded else "ground")
+
+    def on_model_ground(self) -> tuple[Effect, ...]:
+        """A measuring frame that is turned as the ground is, and gravity that is turned back."""
+        return FrameTilt(pitch_rad=self.pitch_rad), GravityDirection(pitch_rad=-self.pitch_rad)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Turn all geoms of the world, and the other bodies of the ground as a whole."""

@@ -34,8 +34,8 @@ DIVERGED = 1e4
 """A replay with a larger state than this has left the world of numbers; it counts as one that stays where it began."""
 SEGMENT, LEAST_SEGMENT = 64, 16
 """Largest number of intervals of a segment, and the smallest of many logs."""
-MOST_S = 12.0
-"""About how much is kept of all logs together, s."""
+MOST_S, MOST_WITH_FEET_S = 12.0, 6.0
+"""About how much is kept of all logs together, s; replays of a robot with feet take longer."""
 LONG = 1.25
 """Intervals of more steps than this many times the usual number are replayed apart."""
 MEMORY = 4
@@ -132,7 +132,8 @@ class Intervals:
         for own in states:
             every = max(1, own.log.info.rows(interval_s))
             count = (len(own.log) - 1) // every
-            most = MOST_S / len(states) / (every * own.log.info.sample_period_s)
+            most_s = MOST_WITH_FEET_S if replayer.robot.feet else MOST_S
+            most = most_s / len(states) / (every * own.log.info.sample_period_s)
             length = int(np.clip(most, LEAST_SEGMENT, SEGMENT))
             parts = np.array_split(np.arange(count), max(1, -(-count // length)))
             kept = max(1, min(len(parts), round(most / length)))

@@ -33,6 +33,7 @@ ABSENT = 1e-9
 PRIOR, OF_RANGE = 3.0, 0.25
 """Standard deviation of a number's prior in moderate departures, and at least as a share of the way to its limits."""
 SMALL = {
+    "contact_damping.scale": 0.05,
     "encoder_bias.bias_rad": 5e-4,
     "foot_compliance.time_constant_s": 0.002,
     "ground_height.height_m": 5e-4,
@@ -318,7 +319,7 @@ class Bench:
 
         Such an effect does not grow with its number (a lag, a limit), but what it does to the torques is known at any.
         One after another they are replayed at all joints at once, by long steps, and shared out by the responses to
-        torques.
+        torques, which several feet on the ground do not tell apart.
         """
         present, forces = {h.name for h, _ in near.acting}, near.basis.linearisation.forces
         rough, chunks = rough_steps(near.intervals), Chunks.of(near.intervals)
@@ -330,7 +331,8 @@ class Bench:
                 continue
             ladder = everywhere.ladder
             sets = [[(*own, everywhere.on(log, numbers)) for own, log in of_logs] for numbers in ladder]
-            at = places(of_kind.kind, self.robot) if of_kind.kind.along_joints else {"all": ()}
+            apart = of_kind.kind.along_joints and not self.robot.feet
+            at = places(of_kind.kind, self.robot) if apart else {"all": ()}
             found: list[tuple[Hypothesis, np.ndarray]] = []
             columns: list[list[np.ndarray]] = []
             changes = rough.changes(sets, near.basis.linearisation.transitions)
@@ -380,8 +382,11 @@ class Bench:
 
 
 def on_logs(intervals: Intervals, acting: Acting) -> list[Effects]:
-    """The effects of a set on each log."""
-    return [tuple(h.on(own.states.log.name, numbers) for h, numbers in acting) for own in intervals.courses]
+    """The effects of a set on each log, as they are on the ground of the model."""
+    return [
+        tuple(one for h, numbers in acting for one in h.on(own.states.log.name, numbers).on_model_ground())
+        for own in intervals.courses
+    ]
 
 
 def in_drive(kind: type[Effect]) -> bool:

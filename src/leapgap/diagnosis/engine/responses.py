@@ -22,6 +22,8 @@ MANY_STEPS = 16
 """Number of steps of the simulation in an interval that may be twice as long for derivatives."""
 LEAST_TORQUE = 1e-3
 """Smallest unit of force, N or N·m."""
+LITTLE = 0.05
+"""Share of a moderate departure by which contacts are changed for derivatives: feet move by less than a millimetre."""
 SHARE = 0.1
 """A unit of the force without a name: this share of the robot's weight, or of the torque that a joint's motor gave."""
 
@@ -159,6 +161,7 @@ class Columns:
         kinds = {h.name: h for h in hypotheses}
         members = {(name, at): of for name, h in kinds.items() for at, of in places(h.kind, robot).items()}
         context, ends = force_context(intervals), np.cumsum([own.intervals for own in intervals.courses])
+        by_row = row_contexts(intervals) if robot.feet else []
         keys: list[ColumnKey] = []
         found: list[Sequence[np.ndarray]] = []
         replayed: list[tuple[list[int], Hypothesis, int]] = []
@@ -171,8 +174,9 @@ class Columns:
                 assert known is not None
                 found += [[own[:, :, known.keys.index(key)] for own in known.values] for key in new]
                 continue
-            by_replay = h.kind.along_joints or (overrides(h.kind, "change_measured") and not robot.feet)
-            forces = None if by_replay else closed_form(h.kind, single, context)
+            by_replay = not robot.feet and (h.kind.along_joints or overrides(h.kind, "change_measured"))
+            motion = by_row if h.kind.along_joints else [(context, 1)]
+            forces = None if by_replay else closed_form(h.kind, single, motion)
             if forces is not None:
                 for key, force in zip(new, forces, strict=True):
                     there, of_logs = replace(h, location=key.place), np.split(force, ends[:-1])
@@ -193,12 +197,12 @@ class Columns:
                 replayed += [([i], replace(h, location=place), k) for i, place in zip(at, single, strict=True)]
         names = [own.states.log.name for own in intervals.courses]
         sets = [
-            [(*own, departed(h, k, log)) for own, log in zip(intervals.acting, names, strict=True)]
+            [(*own, *departed(h, k, log)) for own, log in zip(intervals.acting, names, strict=True)]
             for _, h, k in replayed
         ]
         changes = intervals.changes(sets, linearisation.transitions)
         for (at, h, k), change in zip(replayed, changes, strict=True):
-            slopes = [own / h.moderate[k] for own in change]
+            slopes = [own / departure(h, k) for own in change]
             if len(at) == 1:
                 found[at[0]] = slopes
                 continue
@@ -226,11 +230,18 @@ class Columns:
         return found
 
 
-def departed(hypothesis: Hypothesis, number: int, log: str = "") -> Effect:
-    """The effect with one number a moderate departure from nominal, on a log."""
+def departed(hypothesis: Hypothesis, number: int, log: str = "") -> tuple[Effect, ...]:
+    """The effect with one number off nominal, on a log, as it is on the ground of the model."""
     numbers = hypothesis.nominal
-    numbers[number] += hypothesis.moderate[number]
-    return hypothesis.on(log, numbers)
+    numbers[number] += departure(hypothesis, number)
+    return hypothesis.on(log, numbers).on_model_ground()
+
+
+def departure(hypothesis: Hypothesis, number: int) -> float:
+    """A moderate departure from nominal; a small one of what changes the contacts of feet, far from linear in it."""
+    kind = hypothesis.kind
+    contacts = hypothesis.robot.feet and any(overrides(kind, method) for method in ("change_model", "change_spec"))
+    return float(hypothesis.moderate[number] * (LITTLE if contacts else 1.0))
 
 
 def shared(change: np.ndarray, responses: np.ndarray) -> np.ndarray:
@@ -245,22 +256,54 @@ def shared(change: np.ndarray, responses: np.ndarray) -> np.ndarray:
 
 def force_context(intervals: Intervals) -> ForceContext:
     """The motion of all replays in the middle of each interval, log by log, with the mean commands."""
-    robot, nv, courses = intervals.robot, intervals.robot.model.nv, intervals.courses
+    courses = intervals.courses
     begin = joined([own.reference[own.begins] for own in courses])
-    change = tangent_difference(joined(intervals.predicted), begin, robot)
-    middle = displaced(begin, 0.5 * change, robot)
+    change = tangent_difference(joined(intervals.predicted), begin, intervals.robot)
+    rows = [own.rows[own.begins][:, None] + np.arange(own.every) for own in courses]
+    return context_of(intervals, displaced(begin, 0.5 * change, intervals.robot), change, rows)
 
-    def mean(name: str) -> np.ndarray:
-        found = []
-        for own in courses:
-            rows = own.rows[own.begins][:, None] + np.arange(own.every)
-            found.append(joint_commands(own.states.log, robot, name)[rows].mean(axis=1))
-        return np.concatenate(found)
 
-    commands = Commands(*(mean(name) for name in ("cmd_tau", "cmd_pos", "cmd_vel")))
-    acceleration, gains = change[:, nv:] / intervals.interval_s, (mean("cmd_kp"), mean("cmd_kd"))
-    model = robot.without_shapes
-    return ForceContext(robot, model, middle.qpos, middle.qvel, acceleration, commands, *gains, intervals.interval_s)
+def row_contexts(intervals: Intervals) -> list[tuple[ForceContext, int]]:
+    """The same of every row, segment by segment, with the number of rows of each interval.
+
+    Torques of motors follow commands that change from row to row.
+    """
+    found = []
+    for log, own in enumerate(intervals.courses):
+        for first, count in zip(np.cumsum([0, *own.segments]), own.segments, strict=False):
+            at = np.arange(first, first + count)
+            begin = own.reference[own.begins[at]]
+            change = tangent_difference(intervals.predicted[log][at], begin, intervals.robot)
+            share = np.tile((np.arange(own.every) + 0.5) / own.every, count)[:, None]
+            each = np.repeat(np.arange(count), own.every)
+            motion = displaced(begin[each], share * change[each], intervals.robot)
+            rows = (own.rows[own.begins[at]][:, None] + np.arange(own.every)).reshape(-1, 1)
+            by_log = [rows if own is other else rows[:0] for other in intervals.courses]
+            found.append((context_of(intervals, motion, change[each], by_log, own.every), own.every))
+    return found
+
+
+def context_of(
+    intervals: Intervals, motion: Motion, change: np.ndarray, rows: Sequence[np.ndarray], parts: int = 1
+) -> ForceContext:
+    """A motion with the means of what is commanded in the ``rows`` (steps, some) of each log.
+
+    ``change`` (steps, 2 nv) is what each interval adds to the state; it has so many ``parts``.
+    """
+    robot, courses, length = intervals.robot, intervals.courses, intervals.interval_s
+    tau, position, velocity, kp, kd = (
+        np.concatenate(
+            [
+                joint_commands(own.states.log, robot, name)[of].mean(axis=1)
+                for own, of in zip(courses, rows, strict=True)
+                if len(of)
+            ]
+        )
+        for name in ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
+    )
+    acceleration, commands = change[:, robot.model.nv :] / length, Commands(tau, position, velocity)
+    moved = motion.qpos, motion.qvel, acceleration
+    return ForceContext(robot, robot.without_shapes, *moved, commands, kp, kd, length / parts)
 
 
 def joined(motions: Sequence[Motion]) -> Motion:
@@ -268,10 +311,21 @@ def joined(motions: Sequence[Motion]) -> Motion:
     return Motion(np.concatenate([one.qpos for one in motions]), np.concatenate([one.qvel for one in motions]))
 
 
-def closed_form(kind: type[Effect], single: Sequence[str], at: ForceContext) -> np.ndarray | None:
-    """Force per unit of each number at each place, (numbers × places, intervals, nv); None where it is not known."""
-    forces = [own for place in single if (own := kind.force(at, place)) is not None]
-    return np.stack(forces, axis=1).reshape(-1, *at.qvel.shape) if len(forces) == len(single) else None
+def closed_form(
+    kind: type[Effect], single: Sequence[str], motion: Sequence[tuple[ForceContext, int]]
+) -> np.ndarray | None:
+    """Force per unit of each number at each place, (numbers × places, intervals, nv); None where it is not known.
+
+    Parts of the motion come with the number of their steps in each interval.
+    """
+    found = []
+    for at, steps in motion:
+        forces = [own for place in single if (own := kind.force(at, place)) is not None]
+        if len(forces) < len(single):
+            return None
+        of_steps = np.stack(forces, axis=1).reshape(-1, len(at.qvel) // steps, steps, at.qvel.shape[1])
+        found.append(of_steps.mean(axis=2))
+    return np.concatenate(found, axis=1)
 
 
 def of_force(linearisation: Linearisation, log: int, force: np.ndarray) -> np.ndarray:
@@ -285,6 +339,6 @@ def misreported(
     """What one number of an effect changes in the sensors, and so at the true start, per unit, (intervals, 2 nv)."""
     if not overrides(hypothesis.kind, "change_measured"):
         return 0.0
-    begins, late = intervals.courses[log].begins, intervals.misreported(log, (departed(hypothesis, number),))
+    begins, late = intervals.courses[log].begins, intervals.misreported(log, departed(hypothesis, number))
     kept = np.einsum("kij,kj->ki", linearisation.transitions[log], late[begins])
-    return np.asarray((late[begins + 1] - kept) / hypothesis.moderate[number])
+    return np.asarray((late[begins + 1] - kept) / departure(hypothesis, number))

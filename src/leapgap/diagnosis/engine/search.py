@@ -26,8 +26,8 @@ LEAST_SHARE = 0.03
 """A cause gains this share of the evidence that is missing, or leaves little without a name."""
 SOME = 10 * LEAST_GAIN
 """Evidence of a force without a name beside a set, nats, at which further effects are replayed far from nominal."""
-MUCH = 1000.0
-"""Evidence of a force without a name beside a set, nats, at which everything is linearised anew about it."""
+UNNAMED = 20.0
+"""Evidence of a force without a name for each block, nats, up to which a set explains the logs: u₀."""
 MOST_CAUSES, MOST_TOGETHER = 4, 8
 """Largest number of causes that are found one by one, and that are left of all effects together."""
 POOL = 60
@@ -81,6 +81,11 @@ class Found:
     def unnamed(self) -> float:
         """Evidence of a force without a name beside the set, nats: u."""
         return float((self.by_level.max(axis=0) - self.by_level[0]).sum())
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether a force without a name acts."""
+        return self.unnamed > UNNAMED * self.by_level.shape[1]
 
     @property
     def missing(self) -> float:
@@ -138,9 +143,9 @@ class Search:
         """
         start = self.judge(self.bench.nominal())
         answer, other = self.ascend(start), start
-        if answer.unnamed > MUCH and self.bench.robot.feet:
+        if answer.unexplained and self.bench.robot.feet:
             other = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD)), replay=True)
-        elif answer.unnamed > MUCH:
+        elif answer.unexplained:
             other = replace(self, most=MOST_TOGETHER).ascend(self.together(answer))
         likelier = other.evidence > answer.evidence and other.worth > answer.worth
         answer = other if other.members and likelier else answer
@@ -165,12 +170,11 @@ class Search:
             newest = best.members[-1]
             others = [(newest.label, one.members[-1], best.worth - one.worth) for one in tried if one is not best]
             rivals = (*now.rivals, *(own for own in others if own[1].name != newest.name))
-            if max(now.unnamed, best.unnamed) > MUCH:
+            if now.unexplained or best.unexplained:
                 best = self.linearised_about(best)
-            if best.unnamed > MUCH:
-                other = self.exchanged(best)
-                best = other if other is best else self.linearised_about(other)
-            if best.unnamed > MUCH and best.predictive - now.predictive < LEAST_SHARE * now.missing:
+            other = self.exchanged(best)
+            best = self.linearised_about(other) if other is not best and best.unexplained else other
+            if best.unexplained and best.predictive - now.predictive < LEAST_SHARE * now.missing:
                 break
             now = replace(self.without_idle(best), rivals=rivals)
         return now
@@ -221,7 +225,7 @@ class Search:
 
     def has_memory(self, hypothesis: Hypothesis) -> bool:
         """Whether a robot with an effect has states that the nominal one has not."""
-        return self.bench.intervals.has_memory(0, (departed(hypothesis, 0, self.bench.states[0].log.name),))
+        return self.bench.intervals.has_memory(0, departed(hypothesis, 0, self.bench.states[0].log.name))
 
     def promising(self, now: Found, linear: Sequence[Found]) -> list[Found]:
         """Those sets, settled, that may gain most by what their columns say, the best first.

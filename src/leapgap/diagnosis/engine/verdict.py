@@ -18,7 +18,7 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, clip_numbers, in_words
 from leapgap.diagnosis.decision import Conclusion
-from leapgap.diagnosis.engine.search import LEAST_GAIN, LEAST_SHARE, Found, Search, few_of_each, screen
+from leapgap.diagnosis.engine.search import LEAST_GAIN, LEAST_SHARE, UNNAMED, Found, Search, few_of_each, screen
 from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks
 from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
 from leapgap.diagnosis.gap import HeldOutGap
@@ -28,8 +28,6 @@ from leapgap.diagnosis.outside_forces.search import MARGIN_S, place_of
 from leapgap.diagnosis.rival_fits import PLACES, Undecided
 from leapgap.diagnosis.rival_fits import Rival as OpenFit
 
-UNNAMED = 20.0
-"""Evidence of a force without a name for each block, nats, up to which a set explains the logs: u₀."""
 SINGLES = 4
 """Number of single effects that a report lists beside the answer."""
 LEAST_CLOSURE = 0.01

@@ -1,0 +1,89 @@
+"""What effects do to a robot whose feet stand on the ground, beside plain MuJoCo with that effect alone."""
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+import pytest
+
+from leapgap import effects
+from leapgap.diagnosis.engine.intervals import Course, Intervals
+from leapgap.diagnosis.engine.responses import Columns
+from leapgap.diagnosis.engine.whitening import Chunks, linearise
+from leapgap.diagnosis.hypotheses import list_hypotheses
+from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.robot.model import Robot
+from leapgap.simulation.replay import Replayer
+from tests.diagnosis.pushed_robots import A1, JUMP_KD, JUMP_KP, quadruped_jump
+
+KINDS = ("joint_damping", "torque_gain", "ground_slope", "gravity_direction", "frame_tilt")
+JOINTS = ("FR_hip", "FR_thigh", "RL_calf")
+PUSHES_OFF = slice(20, 33)
+"""Intervals in which the robot stretches and all feet are on the ground."""
+Change = Callable[[mujoco.MjModel], None]
+
+
+@pytest.fixture(scope="module")
+def standing() -> tuple[Course, Columns]:
+    """A jump's intervals and the columns about them."""
+    robot = Robot.load(A1)
+    judged = JudgedLogs.of([quadruped_jump(0, [])], robot, {})
+    intervals = Intervals.of(judged.states, Replayer(robot, 1, 1), 0.01)
+    none = [np.zeros((own.intervals, 2 * robot.model.nv)) for own in intervals.courses]
+    intervals, linearisation = linearise(intervals, Chunks.of(intervals), none)
+    hypotheses = list_hypotheses([effects.known()[name] for name in KINDS], robot, None)
+    return intervals.courses[0], Columns.of(intervals, linearisation, hypotheses)
+
+
+def ends(own: Course, change: Change, scale: Callable[[list[str]], np.ndarray]) -> np.ndarray:
+    """Velocities at the end of each interval by plain MuJoCo, (intervals, nv); ``scale`` is of the joints' torques."""
+    model = mujoco.MjModel.from_xml_path(str(A1))
+    model.opt.timestep = 0.00025
+    change(model)
+    joints, found = [model.joint(j).name for j in range(1, model.njnt)], []
+    wanted, speed = (own.states.log.per_joint(name, joints) for name in ("cmd_pos", "cmd_vel"))
+    for k in range(own.intervals)[PUSHES_OFF]:
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:] = np.split(own.start_states[k], [model.nq])
+        for row in range(own.rows[own.begins[k]], own.rows[own.begins[k] + 1]):
+            for _ in range(4):
+                torque = JUMP_KP * (wanted[row] - data.qpos[7:]) + JUMP_KD * (speed[row] - data.qvel[6:])
+                data.qfrc_applied[6:] = scale(joints) * np.clip(torque, -33.5, 33.5)
+                mujoco.mj_step(model, data)
+        found.append(data.qvel.copy())
+    return np.array(found)
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+@pytest.mark.parametrize("kind", ["joint_damping", "torque_gain"])
+def test_columns_of_one_joint_are_its_own(standing: tuple[Course, Columns], kind: str, joint: str) -> None:
+    """Feet that stand couple all joints: what all do together does not tell what one does."""
+    own, columns = standing
+
+    def damp(model: mujoco.MjModel) -> None:
+        if kind == "joint_damping":
+            model.dof_damping[model.joint(joint).dofadr[0]] += 0.05
+
+    def scale(joints: list[str]) -> np.ndarray:
+        return np.where([kind == "torque_gain" and name == joint for name in joints], 1.02, 1.0)
+
+    def alike(joints: list[str]) -> np.ndarray:
+        return np.ones(len(joints))
+
+    step = 0.05 if kind == "joint_damping" else 0.02
+    plain = (ends(own, damp, scale) - ends(own, lambda _: None, alike)) / step
+    (index,) = [i for i, key in enumerate(columns.keys) if (key.effect, key.place) == (kind, joint)]
+    found = columns.values[0][PUSHES_OFF, plain.shape[1] :, index]
+    cosine = (plain * found).sum() / np.linalg.norm(plain) / np.linalg.norm(found)
+    assert cosine > 0.8  # columns hold over all states that are likely, and a foot may slip in some
+    assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(plain), rel=0.4)
+
+
+def test_a_slope_is_a_turned_frame_and_gravity_that_is_turned_back(standing: tuple[Course, Columns]) -> None:
+    """No foot is lifted or pressed into the ground by it."""
+    columns = standing[1].values[0]
+    at = {(key.effect, key.number): i for i, key in enumerate(standing[1].keys)}
+    turned, gravity = columns[:, :, at["frame_tilt", 1]], columns[:, :, at["gravity_direction", 1]]
+    assert columns[:, :, at["ground_slope", 0]] == pytest.approx(
+        turned - gravity, rel=0.1, abs=0.02 * abs(turned).max()
+    )
