@@ -16,16 +16,10 @@ from leapgap.logs.map_proposal.report import propose_map
 from leapgap.robot.model import Robot
 from tests.logs.test_ros import write_mcap
 from tests.logs.test_table_formats import write_lerobot
-from tests.logs.test_tables import TWO_JOINTS, write_table
+from tests.logs.test_tables import write_table
 
 KP, KD = np.array([40.0, 25.0]), np.array([1.5, 0.8])
 DEGREE = np.pi / 180
-
-
-@pytest.fixture
-def arm(tmp_path: Path) -> Robot:
-    (tmp_path / "two.xml").write_text(TWO_JOINTS)
-    return Robot.load(tmp_path / "two.xml")
 
 
 def motion(rows: int = 1500) -> dict[str, np.ndarray]:

@@ -16,7 +16,7 @@ from leapgap.logs.importers import log_format
 from leapgap.logs.importers.ros import leaves
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from tests.logs.test_tables import NO_COMMANDS, TWO_JOINTS
+from tests.logs.test_tables import NO_COMMANDS
 
 EPOCH = 1_700_000_000_000_000_000
 DEFINITIONS = {
@@ -27,12 +27,6 @@ DEFINITIONS = {
 }
 NAMED = "string name\nfloat64[3] place\n"
 STATE_S, COMMAND_S, IMU_S = 0.002, 0.02, 0.005
-
-
-@pytest.fixture
-def arm(tmp_path: Path) -> Robot:
-    (tmp_path / "two.xml").write_text(TWO_JOINTS)
-    return Robot.load(tmp_path / "two.xml")
 
 
 def store(base: Stores) -> Any:

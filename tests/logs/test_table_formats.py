@@ -20,18 +20,12 @@ from leapgap.logs.importers import log_format
 from leapgap.logs.importers.tables import Table
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from tests.logs.test_tables import NO_COMMANDS, TWO_JOINTS
+from tests.logs.test_tables import NO_COMMANDS
 
 ROWS = 40
 TIME = 5 + 0.01 * np.arange(ROWS)
 Q = np.stack([0.1 * TIME, -0.3 * TIME], axis=1)
 ORDER = ["elbow", "shoulder"]
-
-
-@pytest.fixture
-def arm(tmp_path: Path) -> Robot:
-    (tmp_path / "two.xml").write_text(TWO_JOINTS)
-    return Robot.load(tmp_path / "two.xml")
 
 
 def read(name: str, path: Path, arm: Robot, time: str, position: str, **options: object) -> Log:
