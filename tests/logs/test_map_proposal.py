@@ -328,3 +328,17 @@ def test_many_small_arrays_beside_the_log_do_not_hide_it(arm: Robot, tmp_path: P
     np.savez(tmp_path / "a.npz", t=truth["time"], q=truth["q"].T, dq=truth["dq"], **extra)
     options = yaml.safe_load(propose_map(tmp_path / "a.npz", arm).text(arm))["npz"]
     assert options["columns"] == {"time": "t", "joint_pos/*": "q[*]", "joint_vel/*": "dq[*]"}
+
+
+@pytest.mark.parametrize("late", [True, False], ids=["last stamp first", "one set point"])
+def test_the_unit_of_set_points_without_two_rows_beside_others_is_asked_for(
+    arm: Robot, tmp_path: Path, late: bool
+) -> None:
+    truth = motion(300)
+    columns = {"time": np.roll(truth["time"], 1) if late else truth["time"]}
+    columns |= {f"{name}_{i}": truth[name][:, i] for name in ("q", "dq", "q_set") for i in (0, 1)}
+    if not late:
+        columns["q_set_1"] = np.where(np.arange(300) < 1, columns["q_set_1"], np.nan)
+    options, text = propose(write_table(tmp_path / "a.csv", columns), arm)
+    assert options["units"]["cmd_pos/*"] == "?"
+    assert "the unit of cmd_pos: no two rows" in text

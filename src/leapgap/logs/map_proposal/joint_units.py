@@ -366,6 +366,10 @@ def judge_set_points(reading: UnitReading | None, evidence: Evidence, proposal: 
 def judge_set_point(quantity: str, measured: str, reading: UnitReading, evidence: Evidence, proposal: Proposal) -> None:
     """Order, sign and unit of one kind of set points."""
     clock, actual, wanted = some_rows(evidence, measured, quantity)
+    if len(clock) < 2:
+        says = f"the unit of {quantity}: no two rows of increasing time have it beside what is measured"
+        leave_open(quantity, says, evidence, proposal)
+        return
     found = match(actual, wanted, -rows_in(clock, LATE_ROBOT_S), {measured, quantity} <= evidence.named)
     if found.moved:
         reorder(quantity, found.of, evidence, proposal, "the measured ones follow it so")
@@ -419,11 +423,16 @@ def from_another_zero(actual: np.ndarray, wanted: np.ndarray) -> bool:
 
 def ask_for_scale(quantity: str, size: float, evidence: Evidence, proposal: Proposal) -> None:
     """Leave open what set points are that are followed, but in no unit or from another zero."""
-    proposal.put("units", f"{quantity}/*", ASKED)
-    proposal.say(
-        MISSING,
+    says = (
         f"the scale of {quantity}: the joints follow it, {size:.3g} times as far or from another zero, as those of a "
-        f"policy's actions do; state factors and offsets of {quantity}/*, and its unit",
+        f"policy's actions do; state factors and offsets of {quantity}/*, and its unit"
     )
+    leave_open(quantity, says, evidence, proposal)
+
+
+def leave_open(quantity: str, says: str, evidence: Evidence, proposal: Proposal) -> None:
+    """Ask for the unit of a quantity, which the map has without one."""
+    proposal.put("units", f"{quantity}/*", ASKED)
+    proposal.say(MISSING, says)
     evidence.values.pop(quantity)
     evidence.unplaced.add(quantity)
