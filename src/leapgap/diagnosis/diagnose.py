@@ -355,7 +355,11 @@ def answer_by_evidence(
     judgement = conclude(search, start, found, gap)
     told = gather([states.log for states in judged.whole], judged.robot)
     of_evidence = judgement.undecided, judgement.numbers, judgement.moments, judgement.residual
-    return FoundAnswer(judgement, gap, told, None, None, *of_evidence, notes=judgement.notes)
+    contacts = [
+        f"contacts by {one.in_words} fit these logs better than the model's own; causes were looked for beside them"
+        for one in found.simulation
+    ]
+    return FoundAnswer(judgement, gap, told, None, None, *of_evidence, notes=(*judgement.notes, *contacts))
 
 
 def with_best_simulator(

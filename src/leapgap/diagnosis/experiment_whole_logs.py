@@ -17,8 +17,8 @@ from leapgap.diagnosis.experiments.base import Experiment, Repetition
 from leapgap.diagnosis.gap import candidate_squares
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.numbers_beside import tolerance_effects
-from leapgap.diagnosis.other_simulations import SimulationSettings
 from leapgap.diagnosis.short_rollouts import FINE
+from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
 from leapgap.simulation.rollout import Rollout

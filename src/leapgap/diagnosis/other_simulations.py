@@ -23,6 +23,7 @@ from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.robust_least_squares import Products
 from leapgap.diagnosis.sensitivities import concatenate_logs
 from leapgap.diagnosis.short_rollouts import Pieces, ShortRollouts, smooth_starts
+from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import Effect
 from leapgap.effects.foot_compliance import FootCompliance
 from leapgap.robot.model import Robot
@@ -43,39 +44,6 @@ HARDLY = 0.2
 """Causes that explain a smaller share of what noise leaves are no reason against another simulation."""
 TIMES = 3.0
 """A cause is no better than another simulation while it gains at most so many times as much in that one's logs."""
-
-
-@dataclass(frozen=True)
-class SimulationSettings(Effect):
-    """The simulation's own integrator and contacts; it is no cause, and no registry has it."""
-
-    name = "simulation_settings"
-
-    integrator: int | None = None
-    other_cone: bool = False
-    """Whether the friction cone is the pyramid where the model has the ellipse, and the other way round."""
-    friction_impedance: float = 1.0
-    """Factor on ``impratio``, which stays at least 1."""
-    slack: float = 1.0
-    """Factor on one minus the impedances of all contacts (``solimp``)."""
-    width: float = 1.0
-    """Factor on the depth over which that impedance rises."""
-    contact_time: float = 1.0
-    """Factor on the time constants of all contacts (``solref``)."""
-
-    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
-        """Put the settings into a model."""
-        if self.integrator is not None:
-            model.opt.integrator = self.integrator
-        if self.other_cone:
-            pyramid = model.opt.cone == int(CONE.mjCONE_PYRAMIDAL)
-            model.opt.cone = int(CONE.mjCONE_ELLIPTIC if pyramid else CONE.mjCONE_PYRAMIDAL)
-        model.opt.impratio = max(1.0, model.opt.impratio * self.friction_impedance)
-        for solimp, solref in ((model.geom_solimp, model.geom_solref), (model.pair_solimp, model.pair_solref)):
-            solimp[:, :2] = 1 - np.clip((1 - solimp[:, :2]) * self.slack, 1e-4, 0.9999)
-            solimp[:, 2] *= self.width
-            standard = solref[:, 0] > 0
-            solref[standard, 0] *= self.contact_time
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
 from leapgap.diagnosis.short_rollouts import FINE, StateChannels, smooth_starts
+from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import ACTING, Effect, overrides, overriding
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
@@ -118,6 +119,8 @@ class Intervals:
     courses: tuple[Course, ...]
     acting: tuple[Effects, ...]
     """Effects of the robot on each log."""
+    simulation: tuple[SimulationSettings, ...] = ()
+    """Settings of the simulation, which act beside any set; ``acting`` has them as well."""
     residual: np.ndarray | None = None
     """Force without a name by which the references follow the logs, in its units, (instants of all chunks, nv)."""
 
@@ -146,6 +149,11 @@ class Intervals:
         kept = [log for log, own in enumerate(chosen) if own.any()]
         courses, acting = (self.courses[log].part(chosen[log]) for log in kept), (self.acting[log] for log in kept)
         return replace(self, courses=tuple(courses), acting=tuple(acting), residual=None)
+
+    def simulated_by(self, simulation: tuple[SimulationSettings, ...]) -> "Intervals":
+        """The same by other settings of the simulation."""
+        acting = tuple((*simulation, *own[len(self.simulation) :]) for own in self.acting)
+        return replace(self, simulation=simulation, acting=acting)
 
     @property
     def robot(self) -> Robot:

@@ -13,8 +13,8 @@ from leapgap.diagnosis.engine.intervals import Effects, Intervals
 from leapgap.diagnosis.engine.responses import Columns, Linearisation, rough_steps, shared
 from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
 from leapgap.diagnosis.hypotheses import Hypothesis, places
-from leapgap.diagnosis.other_simulations import SimulationSettings
 from leapgap.diagnosis.sensitivities import tolerance, usable
+from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import Effect, overrides
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
@@ -226,9 +226,9 @@ class Bench:
                 found[name] = Hypothesis(known[name], self.robot)
         return found
 
-    def nominal(self, wrong_zero: float = 0.0) -> Point:
-        """The nominal robot; ``wrong_zero`` as in ``linearised``."""
-        return self.linearised(self.intervals, (), None, wrong_zero)
+    def nominal(self, wrong_zero: float = 0.0, simulation: tuple[SimulationSettings, ...] = ()) -> Point:
+        """The nominal robot by some simulation; ``wrong_zero`` as in ``linearised``."""
+        return self.linearised(self.intervals.simulated_by(simulation), (), None, wrong_zero)
 
     def linearised(self, intervals: Intervals, acting: Acting, before: Basis | None, wrong_zero: float = 0.0) -> Point:
         """The point of a robot with some effects, with everything linearised about it.
@@ -382,10 +382,11 @@ class Bench:
 
 
 def on_logs(intervals: Intervals, acting: Acting) -> list[Effects]:
-    """The effects of a set on each log, as they are on the ground of the model."""
+    """The simulation and the effects of a set on each log, as they are on the ground of the model."""
+    logs = [own.states.log.name for own in intervals.courses]
     return [
-        tuple(one for h, numbers in acting for one in h.on(own.states.log.name, numbers).on_model_ground())
-        for own in intervals.courses
+        (*intervals.simulation, *(one for h, numbers in acting for one in h.on(log, numbers).on_model_ground()))
+        for log in logs
     ]
 
 

@@ -18,6 +18,7 @@ from leapgap.diagnosis.engine.pruning import needed
 from leapgap.diagnosis.engine.responses import departed
 from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
 from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import overrides
 
 LEAST_GAIN = 30.0
@@ -42,6 +43,8 @@ LIKELY = 0.5
 """Share of the gain of the best set that another has to have by its columns to be replayed."""
 TRIED = 12
 """Number of effects that are replayed to both sides where columns tell little."""
+CONTACTS = (("other_cone", 1.0), ("friction_impedance", 0.1))
+"""Settings of contacts with the factors by which they are tried."""
 AT_LEAST = 4.0
 """An effect far from nominal does what its column says times one, with this inverse variance."""
 SETTLED = 2.0
@@ -81,6 +84,11 @@ class Found:
     def unnamed(self) -> float:
         """Evidence of a force without a name beside the set, nats: u."""
         return float((self.by_level.max(axis=0) - self.by_level[0]).sum())
+
+    @property
+    def simulation(self) -> tuple[SimulationSettings, ...]:
+        """Settings of the simulation that are not the given one's."""
+        return self.point.intervals.simulation
 
     @property
     def unexplained(self) -> bool:
@@ -144,11 +152,13 @@ class Search:
         start = self.judge(self.bench.nominal())
         answer, other = self.ascend(start), start
         if answer.unexplained and self.bench.robot.feet:
-            other = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD)), replay=True)
+            other = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD, answer.simulation)), replay=True)
         elif answer.unexplained:
             other = replace(self, most=MOST_TOGETHER).ascend(self.together(answer))
         likelier = other.evidence > answer.evidence and other.worth > answer.worth
         answer = other if other.members and likelier else answer
+        if answer.simulation:
+            start = self.judge(self.bench.nominal(0.0, answer.simulation)) if answer.members else answer
         return start, self.linearised_about(answer) if answer.members and answer.unnamed > SOME else answer
 
     def ascend(self, now: Found, replay: bool = False) -> Found:
@@ -160,6 +170,10 @@ class Search:
             tried = self.promising(now, linear)
             if replay and not now.members:
                 tried += self.replayed(now)
+            simulated = self.otherwise_simulated(now, tried)
+            if simulated is not now:
+                now = simulated
+                continue
             if not tried:
                 break
             best = max(tried, key=lambda one: one.worth)
@@ -271,6 +285,23 @@ class Search:
         best = {h.label: (h, numbers) for gain, h, numbers in reversed(gains) if gain > WORTH_A_LOOK}
         few = few_of_each([h for gain, h, _ in gains if gain > WORTH_A_LOOK], 2 * ALIKE)
         return [best[label] for label in list(dict.fromkeys(h.label for h in few))[:SHORTLIST]]
+
+    def otherwise_simulated(self, now: Found, tried: Sequence[Found]) -> Found:
+        """The nominal robot by other contacts of the simulation, where these gain more than sets that were tried.
+
+        No robot is as its simulation in how contacts are computed. What a friction cone or an impedance changes at the
+        edge of slipping is far from linear, so that everything is linearised anew.
+        """
+        if now.members or not (now.unexplained and self.bench.robot.feet):
+            return now
+        (settings,) = now.simulation or (SimulationSettings(),)
+        others = [(settings.changed(name, by),) for name, by in CONTACTS if not settings.has(name)]
+        best = max([now, *(self.judge(self.bench.nominal(0.0, own)) for own in others)], key=lambda one: one.evidence)
+        gains = [one.predictive - now.predictive for one in tried]
+        if best is now or best.unnamed >= now.unnamed or best.evidence - now.evidence <= max([SOME, *gains]):
+            return now
+        self.progress(f"contacts by {best.simulation[0].in_words}: unexplained {now.unnamed:.0f} to {best.unnamed:.0f}")
+        return best
 
     def judge(self, point: Point, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> Found:
         """What the logs say of a point's set, and further effects, with the levels that suit it."""
