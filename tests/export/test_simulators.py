@@ -2,10 +2,12 @@
 
 import ast
 import re
+import shutil
 import types
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 import yaml
@@ -207,7 +209,9 @@ def test_pace_gets_its_keys_and_its_vector(folder: Path, robot: Robot, monkeypat
     assert vector[48] == 2
 
 
-def test_playground_draws_whole_robots(folder: Path, robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_playground_draws_whole_robots(
+    folder: Path, robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """JAX and the model of MJX are played by NumPy: ``at[…].set``, ``vmap`` and ``tree_replace`` as documented."""
 
     class Field(np.ndarray):
@@ -249,6 +253,17 @@ def test_playground_draws_whole_robots(folder: Path, robot: Robot, monkeypatch: 
         assert changed.body_mass == pytest.approx(file["body_mass"][:5])
     assert changed.geom_friction.shape == (5, *own.geom_friction.shape)
     assert {name for name, axis in vars(axes).items() if axis == 0} == {*fields, "geom_friction"}
+    # A body without a name, which the table calls by its number, keeps the numbers of the model.
+    spec, copy = mujoco.MjSpec.from_file(str(robot.path)), shutil.copytree(folder, tmp_path / "copy")
+    spec.bodies[3].name = ""
+    with np.load(folder / "posterior.npz") as file:
+        table = dict(file)
+    table["bodies"][3] = "body_3"
+    np.savez(copy / "posterior.npz", **table)
+    names = schemas.run(copy / "for_playground.py", {"jax": jax}, monkeypatch)
+    kept, _ = names["domain_randomize"](model, np.arange(5), spec.compile())
+    assert kept.body_mass[:, 3] == pytest.approx(own.body_mass[3])
+    assert kept.body_mass[:, 4:] == pytest.approx(changed.body_mass[:, 4:])
 
 
 def test_nothing_of_a_strange_name_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
