@@ -161,7 +161,7 @@ lint: .venv/ready
 	ruff format --check
 	mypy
 
-# The full blind check, about 240 cases: killed, it goes on where it was. Its page: data/blind/page/index.html.
+# The full benchmark, about 240 cases: killed, it goes on where it was. Its page: data/blind/page/index.html.
 BLIND := data/blind
 BLIND_WORLD := $(shell find src/leapgap conf/withhold conf/size/blind.yaml -name '*.py' -o -name '*.xml' -o -name '*.yaml')
 

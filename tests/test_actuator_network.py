@@ -11,6 +11,8 @@ import pytest
 
 from leapgap import effects
 from leapgap.cli import main
+from leapgap.errors import InputError
+from leapgap.learning.actuator_data import actuator_logs
 from leapgap.logs.log import read_logs
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import write_corrected
@@ -97,3 +99,9 @@ def test_one_log_and_a_senseless_step_are_refused(tmp_path: Path, capsys: pytest
     assert "found 1 log; expected two or more" in capsys.readouterr().err
     assert main([*arguments, "--step", "9"]) == 2
     assert not (tmp_path / "net").exists()
+
+
+def test_logs_that_are_shorter_than_the_windows_at_their_ends_are_refused(tmp_path: Path) -> None:
+    robot, logs = Robot.load(plain_arm.write_model(tmp_path)), read_logs(plain_arm.write_parquet(tmp_path / "logs", 2))
+    with pytest.raises(InputError, match=r"swing_0: found 50 rows of 0\.001 s; expected more than 0\.06 s"):
+        actuator_logs([log.first_rows(50) for log in logs], robot, 0.005)

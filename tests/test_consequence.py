@@ -127,6 +127,10 @@ def test_a_robot_without_torque_falls(tmp_path: Path) -> None:
         ({"start": [0.0]}, "found 1 numbers; expected 2 positions"),
         ({"offset": [0.0]}, "found 1 numbers; expected 2, one a joint"),
         ({"kp": "much"}, "expected a value of type float"),
+        ({"observation": []}, "observation: found no item"),
+        ({"seconds": 0.0}, "found 0 s in periods of 0.02 s; expected one period or more"),
+        ({"seconds": float("inf")}, "found inf s in periods of 0.02 s"),
+        ({"period_s": 0.0}, "found 10 s in periods of 0 s"),
     ],
 )
 def test_a_map_that_does_not_fit_is_refused(

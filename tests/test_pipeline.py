@@ -129,7 +129,7 @@ def test_an_experiment_sets_params_itself(simulated_project: Project) -> None:
 
 
 def test_a_run_killed_at_any_stage_ends_with_the_same_bytes(simulated_project: Project, tmp_path: Path) -> None:
-    """As far as the diagnosis; landings and the blind check, which keep what they have, have tests of their own.
+    """As far as the diagnosis; landings and the benchmark, which keep what they have, have tests of their own.
 
     The run that is killed has workers and the one that it is compared with has none.
     """

@@ -17,7 +17,7 @@ pytestmark = [pytest.mark.pipeline, pytest.mark.long]
 def published(tmp_path_factory: pytest.TempPathFactory, simulated_run: Path, raw: Path) -> Project:
     """A project that was run without logs of a real robot, with four published jumps that came later under DVC.
 
-    It is run once as far as they go: the blind check is left out.
+    It is run once as far as they go: the benchmark is left out.
     """
     project = Project.copy_of(simulated_run, tmp_path_factory.mktemp("published"))
     folders = sorted((path.parent for path in raw.rglob("joint_act.txt")), key=lambda path: int(path.name))

@@ -24,37 +24,6 @@ from tests.code import ROOT
 
 pytestmark = pytest.mark.long
 
-HEAVY = {
-    "casadi",
-    "daqp",
-    "dvc",
-    "h5py",
-    "hydra",
-    "joblib",
-    "lightning",
-    "mujoco_menagerie",
-    "numba",
-    "omegaconf",
-    "onnx",
-    "onnxruntime",
-    "osqp",
-    "rerun",
-    "rosbags",
-    "torch",
-}
-"""Modules of the extras. The base install lacks them, and ``import leapgap`` must not load them where they are."""
-INSTRUMENT = (
-    "leapgap.robot.model",
-    "leapgap.logs.importers",
-    "leapgap.effects",
-    "leapgap.simulation.replay",
-    "leapgap.simulation.corrected",
-    "leapgap.diagnosis.diagnose",
-    "leapgap.reports.report",
-    "leapgap.api",
-    "leapgap.cli",
-)
-"""What a diagnosis with its page imports: all of it must work without an extra."""
 PACKAGED = ("src", "pyproject.toml", "README.md", "LICENSE")
 BESIDE = ("MANIFEST.in", "CHANGELOG.md", "CITATION.cff", "constraints.txt")
 """What the source distribution holds besides."""
@@ -184,27 +153,6 @@ def test_base_install_brings_no_package_of_the_extras(python: Path, tmp_path: Pa
     assert {canonicalize_name(package["name"]) for package in listed} & (extras - {"leapgap"}) == set()
 
 
-@pytest.mark.pipeline
-def test_import_from_the_wheel(python: Path, tmp_path: Path) -> None:
-    code = "import sys, json, leapgap; print(json.dumps([leapgap.__file__, sorted(sys.modules)]))"
-    file, _ = json.loads(run(python, "-c", code, cwd=tmp_path))
-    assert Path(file).is_relative_to(python.parent.parent)
-
-
-@pytest.mark.pipeline
-@pytest.mark.parametrize("module", INSTRUMENT)
-def test_base_install_is_enough_for_the_instrument(python: Path, tmp_path: Path, module: str) -> None:
-    run(python, "-c", f"import {module}", cwd=tmp_path)
-
-
-def test_import_loads_no_heavy_module(tmp_path: Path) -> None:
-    """Where the extras are installed, as here, importing the library must still leave them alone."""
-    code = f"import sys; sys.path.insert(0, {str(ROOT / 'src')!r}); import leapgap; print(*sys.modules)"
-    loaded = set(run(sys.executable, "-c", code, cwd=tmp_path).split())
-    assert "leapgap" in loaded
-    assert loaded & HEAVY == set()
-
-
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with ``arm.xml`` and two logs of the arm in ``logs``, by plain MuJoCo."""
@@ -226,18 +174,3 @@ def test_two_logs_are_diagnosed_by_command_in_an_empty_environment(python: Path,
     assert (arm / "out" / "report.html").is_file()
     assert not (arm / "out" / "diagnosis.rrd").exists()  # recordings come with an extra
     assert run(command, "--version", cwd=arm) == f"leapgap {project()['version']}\n"
-
-
-FIVE_LINES = """import leapgap as lg
-
-report = lg.diagnose(lg.read_logs("logs/"), "arm.xml")
-print(report)
-report.save("again/")
-"""
-
-
-@pytest.mark.pipeline
-def test_two_logs_are_diagnosed_by_five_lines_in_an_empty_environment(python: Path, arm: Path) -> None:
-    said = run(python, "-c", FIVE_LINES, cwd=arm)
-    assert said.startswith("named: viscous friction (joint_damping at elbow")
-    assert (arm / "again" / "corrected" / "effects.json").is_file()

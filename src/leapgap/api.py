@@ -72,7 +72,7 @@ def no_logs(path: Path, kind: str, robot: Robot | None = None) -> InputError:
     model = quote(str(robot.path)) if robot else "<robot.xml>"
     command = f"leapgap import {quote(str(path))} {model} --out imported"
     do = f"{command}; then name the folder 'imported' in place of this one"
-    return InputError(path, f"no {kind}, but logs of format {layout.name}", "logs of leapgap", do)
+    return InputError(path, f"no {kind}, but logs of format {layout.name}", "logs in leapgap's format", do)
 
 
 def read_foreign(path: Path, format: str, robot: Robot | PathLike | None, options: Any) -> Readings:
@@ -124,6 +124,9 @@ class CheckReport:
     def passed(self) -> bool:
         """Whether no check failed."""
         return all(result.passed for result in self.results)
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def __str__(self) -> str:
         """A line for each check."""

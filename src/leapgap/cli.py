@@ -108,11 +108,11 @@ def parser() -> argparse.ArgumentParser:
     diagnose.add_argument("logs", type=Path, help="folder of logs in leapgap's format (*.parquet)")
     diagnose.add_argument("robot", type=Path, help="model of the robot (MJCF or URDF)")
     diagnose.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for report and corrected model; default: print"
+        "--out", type=Path, metavar="DIR", help="folder for report and corrected model; default: none"
     )
     diagnose.add_argument("--effects", metavar="A,B", help="search these effects only (list: leapgap effects)")
     diagnose.add_argument("--without", metavar="A,B", help="leave these effects out")
-    diagnose.add_argument("--settings", type=Path, metavar="FILE", help="file of settings that differ, JSON or YAML")
+    diagnose.add_argument("--settings", type=Path, metavar="FILE", help="settings to change, JSON or YAML")
     diagnose.add_argument(
         "--viewer",
         choices=("light", "embedded"),
@@ -155,7 +155,7 @@ def parser() -> argparse.ArgumentParser:
     policy = command("consequence", run_consequence, "say what each cause of a report does to a policy")
     policy.add_argument("report", type=Path, help="folder that 'leapgap diagnose --out' wrote, or its folder corrected")
     policy.add_argument("--policy", type=Path, required=True, metavar="FILE", help="policy as ONNX or TorchScript")
-    policy.add_argument("--map", type=Path, required=True, metavar="FILE", help="what its numbers are, YAML or JSON")
+    policy.add_argument("--map", type=Path, required=True, metavar="FILE", help="its inputs and outputs, YAML or JSON")
     policy.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON, too")
     policy.add_argument("--quiet", action="store_true", help="print the result only, no progress")
 
@@ -214,7 +214,7 @@ def parser() -> argparse.ArgumentParser:
 def judge_options(command: argparse.ArgumentParser) -> None:
     """Options that ``judge`` and ``compare`` share."""
     command.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON, too")
-    command.add_argument("--settings", type=Path, metavar="FILE", help="file of settings that differ, JSON or YAML")
+    command.add_argument("--settings", type=Path, metavar="FILE", help="settings to change, JSON or YAML")
     command.add_argument("--threads", type=count, metavar="N", help="number of threads; default: all cores")
     command.add_argument("--quiet", action="store_true", help="print the result only, no progress")
     robot_options(command)
@@ -279,7 +279,7 @@ class Version(argparse.Action):
 
 
 def run_diagnose(chosen: argparse.Namespace) -> None:
-    """Diagnose, print the answer, write the report where a folder is named."""
+    """Diagnose, print the result, write the report where a folder is named."""
     from leapgap.reports.diagnosis import SAVED_BY
 
     if chosen.out is not None:

@@ -1,4 +1,4 @@
-"""A first look: a simulated robot with a hidden effect moves, and its logs are diagnosed against the model without it.
+"""The demo: a simulated robot with a hidden effect moves, and its logs are diagnosed against the model without it.
 
 The robot is the package's own. It stands on its feet, bends and stretches its legs, each leg a little differently.
 Effect and place are drawn from a number, so that the same number always gives the same robot.

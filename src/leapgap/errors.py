@@ -32,7 +32,7 @@ class InputError(Exception):
         super().__init__(f"{self.where}: found {self.found}{listed}; expected {self.expected}; {self.do}")
 
     def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str, str, tuple[str, ...]]]:
-        """To cross from a worker process to the one that tells the user."""
+        """To cross from a worker process to the one that shows it to the user."""
         return type(self), (self.where, self.found, self.expected, self.do, self.each)
 
 

@@ -165,7 +165,7 @@ def run_python(block: Block, names: dict[str, Any], folder: Path) -> str:
     return printed.getvalue()
 
 
-def run_shell(block: Block, folder: Path, environment: dict[str, str]) -> str:
+def run_shell(block: Block, folder: Path, environment: dict[str, str], seconds: float = SECONDS) -> str:
     """Run by bash, stopping at the first command that fails, and return what was printed."""
     try:
         done = subprocess.run(
@@ -175,10 +175,10 @@ def run_shell(block: Block, folder: Path, environment: dict[str, str]) -> str:
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
-            timeout=SECONDS,
+            timeout=seconds,
         )
     except subprocess.TimeoutExpired:
-        raise BlockError(f"{block.place}: shell block ran longer than {SECONDS} s") from None
+        raise BlockError(f"{block.place}: shell block ran longer than {seconds} s") from None
     if done.returncode != 0:
         output = (done.stdout + done.stderr)[-4000:]
         raise BlockError(f"{block.place}: shell block ended with code {done.returncode}\n{output}")

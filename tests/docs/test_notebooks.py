@@ -1,4 +1,4 @@
-"""Notebooks run from their first cell to their last, and say what their stored output says.
+"""Notebooks run from their first cell to their last, and say what their stored output says, numbers to a tenth.
 
 That of a real robot needs its logs, which are no part of the project: `python -m stages.fetch acrobot`, or a folder
 with them in the variable `ACROBOT`.
@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from tests.code import ROOT
+from tests.docs.blocks import Block, check_printed
 from tests.project import environment
 
 EXAMPLES = ROOT / "docs" / "examples"
@@ -58,6 +59,7 @@ def test_a_notebook_runs(notebook: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert CAUSE.findall(done.stdout)
     assert CAUSE.findall(done.stdout) == CAUSE.findall(printed(notebook))
+    check_printed(Block(notebook.name, 0, "output", printed(notebook)), done.stdout)
 
 
 @pytest.mark.parametrize("notebook", sorted(EXAMPLES.glob("*.ipynb")), ids=lambda path: path.stem)

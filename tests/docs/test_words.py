@@ -68,10 +68,8 @@ OLD = (
     "realised closure",
 )
 """Phrases of our own for which the field has a word."""
-APART = [ROOT / "docs" / "research" / "engine.md"]
-"""Pages that are still to be rewritten."""
 RECORDS = [ROOT / name for name in ("CHANGELOG.md", "CONTRIBUTING.md")] + [
-    page for page in sorted((ROOT / "docs").rglob("*.md")) if page not in [*PAGES, *APART]
+    page for page in sorted((ROOT / "docs").rglob("*.md")) if page not in PAGES
 ]
 MOST_WORDS, MOST_README_LINES = 25_000, 100
 
@@ -130,6 +128,12 @@ def test_a_page_says_at_its_top_for_whom_it_is_and_what_one_can_do_after_it(page
     head, _, rest = TEXTS[page].partition("\n\n")
     assert head.startswith("# ")
     assert re.match(r"\*For \w[^*]*\.\sAfter\sthis\spage\s[^*]*\.", rest), page
+
+
+def test_the_count_of_effects_is_that_of_the_code() -> None:
+    assert f"among {len(effects.known())} effects" in TEXTS["README.md"]
+    stated = f"searches {len(effects.known())} effects ({len(effects.by_default())} on a free base, unless named)"
+    assert stated in TEXTS["docs/explanation/comparison.md"]
 
 
 def test_the_front_page_and_the_docs_are_short() -> None:

@@ -65,9 +65,7 @@ def test_torque_and_speed_stay_within_the_law(robot: Robot) -> None:
 def test_the_law_has_the_published_corner(robot: Robot) -> None:
     """Full torque to 9.91 rad/s, none at 21.5 rad/s."""
     _, speed, delivered = random_forces(
-        robot,
-        standing(robot, 10, kp=3000.0, kd=0.0),
-        effects.effect("torque_speed_limit", voltage_v=21.5),
+        robot, standing(robot, 10, kp=3000.0, kd=0.0), effects.effect("torque_speed_limit", voltage_v=21.5)
     )
     slow = np.abs(speed) < 9.9
     assert np.abs(delivered[slow]).max() == pytest.approx(33.5)

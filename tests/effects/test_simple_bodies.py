@@ -29,10 +29,7 @@ CHANGES = [
     (effects.effect("link_inertia", scale=3.0), {"inertia": "6e-4 9e-4 12e-4"}),
     (effects.effect("leg_mass", scale=1.6), {"mass": 0.16, "inertia": "3.2e-4 4.8e-4 6.4e-4"}),
     (effects.effect("link_payload", mass_kg=0.1, moment_kg_m=0.0), {"mass": 0.2}),
-    (
-        effect_class(ModelField("body_ipos", -0.1, 0.1, "horn"))(value=0.04),
-        {"com": "0.04 0 0"},
-    ),
+    (effect_class(ModelField("body_ipos", -0.1, 0.1, "horn"))(value=0.04), {"com": "0.04 0 0"}),
 ]
 """An effect, and what it makes of the file; the horn's outward axis is its x axis."""
 ROWS, KP, KD = 400, 2.0, 0.05

@@ -2,6 +2,7 @@
 
 import ast
 import re
+import shutil
 import types
 from pathlib import Path
 from typing import Any
@@ -94,6 +95,15 @@ def test_ranges_are_those_of_the_intervals(folder: Path, robot: Robot) -> None:
     assert [mass["low"], mass["value"], mass["high"]] == pytest.approx([5.413, 5.713, 6.013], rel=1e-4)
     assert found["correlation"][0][1] == 0.9
     assert found["numbers"]["command_delay at all: delay_s"]["standard_deviation"] == pytest.approx(0.0014 / SIGMAS)
+
+
+def test_numbers_of_a_robot_keep_no_model_in_memory(robot: Robot, posterior: Posterior) -> None:
+    numbers = CorrectedRobot(posterior, robot, {}).numbers(posterior.mean)
+    for name, array in numbers.arrays.items():
+        owner = array
+        while isinstance(owner, np.ndarray) and owner.base is not None:
+            owner = owner.base
+        assert isinstance(owner, np.ndarray), name
 
 
 def test_every_row_of_the_samples_is_one_robot(folder: Path, robot: Robot) -> None:
@@ -214,7 +224,9 @@ def test_pace_gets_its_keys_and_its_vector(folder: Path, robot: Robot, monkeypat
     assert vector[48] == 2
 
 
-def test_playground_draws_whole_robots(folder: Path, robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_playground_draws_whole_robots(
+    folder: Path, robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """JAX and the model of MJX are played by NumPy: ``at[…].set``, ``vmap`` and ``tree_replace`` as documented."""
 
     class Field(np.ndarray):
@@ -256,6 +268,17 @@ def test_playground_draws_whole_robots(folder: Path, robot: Robot, monkeypatch: 
         assert changed.body_mass == pytest.approx(file["body_mass"][:5])
     assert changed.geom_friction.shape == (5, *own.geom_friction.shape)
     assert {name for name, axis in vars(axes).items() if axis == 0} == {*fields, "geom_friction"}
+    # A body without a name, which the table calls by its number, keeps the numbers of the model.
+    spec, copy = mujoco.MjSpec.from_file(str(robot.path)), shutil.copytree(folder, tmp_path / "copy")
+    spec.bodies[3].name = ""
+    with np.load(folder / "posterior.npz") as file:
+        table = dict(file)
+    table["bodies"][3] = "body_3"
+    np.savez(copy / "posterior.npz", **table)
+    names = schemas.run(copy / "for_playground.py", {"jax": jax}, monkeypatch)
+    kept, _ = names["domain_randomize"](model, np.arange(5), spec.compile())
+    assert kept.body_mass[:, 3] == pytest.approx(own.body_mass[3])
+    assert kept.body_mass[:, 4:] == pytest.approx(changed.body_mass[:, 4:])
 
 
 def test_mjx_itself_takes_the_robots(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

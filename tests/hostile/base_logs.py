@@ -206,55 +206,34 @@ def write_lerobot(columns: Columns, path: Path) -> None:
     write_parquet(named, path / "data" / "chunk-000" / "file-000.parquet")
 
 
-def write_ros(columns: Columns, path: Path) -> None:
-    """A bag of ROS 1 with messages of joint states, and of commands in the same type."""
-    from rosbags.rosbag1 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC)
-    kinds = store.types
-    joint_state = kinds["sensor_msgs/msg/JointState"]
-    rows = len(columns["time"])
-    topics = {"/joint_states": ("joint_pos", "joint_vel", "tau"), "/commands": ("cmd_pos", "cmd_vel", "cmd_tau")}
-    with Writer(path) as bag:
-        lanes = {topic: bag.add_connection(topic, joint_state.__msgtype__, typestore=store) for topic in topics}
-        for row in range(rows):
-            now = float(columns["time"][row])
-            stamp = round(now * 1e9) if np.isfinite(now) and abs(now) < 1e9 else 0
-            when = kinds["builtin_interfaces/msg/Time"](max(0, stamp) // 10**9, max(0, stamp) % 10**9)
-            header = kinds["std_msgs/msg/Header"](row, when, "")
-            for topic, quantities in topics.items():
-                parts = [
-                    np.array([columns[f"{one}/{joint}"][row] for joint in JOINTS], dtype=float) for one in quantities
-                ]
-                message = joint_state(header, list(JOINTS), *parts)
-                bag.write(lanes[topic], 10**18 + stamp, store.serialize_ros1(message, joint_state.__msgtype__))
-
-
-def write_ros2(storage: str) -> Callable[[Columns, Path], None]:
-    """A writer of recordings of ROS 2, as SQLite or MCAP, with the messages of ``write_ros``."""
+def write_ros(storage: str | None = None) -> Callable[[Columns, Path], None]:
+    """A writer of bags of ROS 1, or of recordings of ROS 2 as SQLite or MCAP: joint states, and commands alike."""
 
     def write(columns: Columns, path: Path) -> None:
-        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags import rosbag1, rosbag2
         from rosbags.typesys import Stores, get_typestore
 
-        store = get_typestore(Stores.ROS2_HUMBLE)
+        store = get_typestore(Stores.ROS1_NOETIC if storage is None else Stores.ROS2_HUMBLE)
         kinds = store.types
-        joint_state = kinds["sensor_msgs/msg/JointState"]
+        joint_state, stamps = kinds["sensor_msgs/msg/JointState"], kinds["builtin_interfaces/msg/Time"]
+        serialize = store.serialize_ros1 if storage is None else store.serialize_cdr
         topics = {"/joint_states": ("joint_pos", "joint_vel", "tau"), "/commands": ("cmd_pos", "cmd_vel", "cmd_tau")}
-        with Writer(path, version=9, storage_plugin=StoragePlugin[storage]) as bag:
+        whole: Any = rosbag1.Writer(path)
+        if storage is not None:
+            whole = rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin[storage])
+        with whole as bag:
             lanes = {topic: bag.add_connection(topic, joint_state.__msgtype__, typestore=store) for topic in topics}
             for row in range(len(columns["time"])):
                 now = float(columns["time"][row])
                 stamp = round(now * 1e9) if np.isfinite(now) and abs(now) < 1e9 else 0
-                when = kinds["builtin_interfaces/msg/Time"](max(0, stamp) // 10**9, max(0, stamp) % 10**9)
+                number = [row] if storage is None else []
+                header = kinds["std_msgs/msg/Header"](
+                    *number, stamps(max(0, stamp) // 10**9, max(0, stamp) % 10**9), ""
+                )
                 for topic, quantities in topics.items():
-                    parts = [
-                        np.array([columns[f"{one}/{joint}"][row] for joint in JOINTS], dtype=float)
-                        for one in quantities
-                    ]
-                    message = joint_state(kinds["std_msgs/msg/Header"](when, ""), list(JOINTS), *parts)
-                    bag.write(lanes[topic], 10**18 + stamp, store.serialize_cdr(message, joint_state.__msgtype__))
+                    values = ([float(columns[f"{one}/{joint}"][row]) for joint in JOINTS] for one in quantities)
+                    message = joint_state(header, list(JOINTS), *map(np.array, values))
+                    bag.write(lanes[topic], 10**18 + stamp, serialize(message, joint_state.__msgtype__))
 
     return write
 
@@ -315,6 +294,7 @@ ROS_COLUMNS = {
     "cmd_vel/*": "/commands/velocity[*]",
     "cmd_tau/*": "/commands/effort[*]",
 }
+ROS_OPTIONS = {"columns": ROS_COLUMNS, "constants": {"cmd_kp/*": KP, "cmd_kd/*": KD}}
 FORMATS = (
     Format("own", ".parquet", write_own, hopper_log, model=HOPPER, checked=True),
     Format("own_unchecked", ".parquet", write_unchecked, hopper_log, model=HOPPER),
@@ -325,22 +305,9 @@ FORMATS = (
     Format("hdf5", ".h5", write_hdf5, hopper_log, importer="hdf5", model=HOPPER),
     Format("mat", ".mat", write_mat, importer="mat", options={"columns": {f"{q}/*": f"{q}_*" for q in QUANTITIES}}),
     Format("pt", ".pt", write_pt, importer="pt", checked=True),
-    Format(
-        "ros",
-        ".bag",
-        write_ros,
-        importer="ros",
-        options={"columns": ROS_COLUMNS, "constants": {"cmd_kp/*": KP, "cmd_kd/*": KD}},
-    ),
     *(
-        Format(
-            storage.lower(),
-            "",
-            write_ros2(storage),
-            importer="ros",
-            options={"columns": ROS_COLUMNS, "constants": {"cmd_kp/*": KP, "cmd_kd/*": KD}},
-        )
-        for storage in ("MCAP", "SQLITE3")
+        Format(name, suffix, write_ros(storage), importer="ros", options=ROS_OPTIONS)
+        for name, suffix, storage in (("ros", ".bag", None), ("mcap", "", "MCAP"), ("sqlite3", "", "SQLITE3"))
     ),
     Format("lerobot", "", write_lerobot, importer="lerobot"),
     Format("published", "", write_published, published_log, importer="published", model=""),

@@ -89,3 +89,9 @@ FILE_HARMS: Mapping[str, FileHarm] = {
     "link_to_itself": replaced_by(lambda path: path.symlink_to(path.name)),
 }
 """Harms to a file after it was written."""
+
+
+def repeated(seeds: int) -> list[str]:
+    """Names of the harms, those at random places with several seeds."""
+    random = ("truncated", "noise", "zeros")
+    return [name for name in FILE_HARMS for _ in range(seeds if "bit" in name or name in random else 1)]

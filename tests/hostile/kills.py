@@ -19,6 +19,7 @@ from pathlib import Path
 from leapgap.logs import log as jump_log
 from leapgap.robot.model import Robot
 from tests.code import ROOT
+from tests.commands import environment, python
 from tests.conftest import standing
 
 SOON_S = 3.0
@@ -82,16 +83,9 @@ def command(call: StageCall, inputs: Path, out: Path) -> list[str]:
     return [sys.executable, "-m", f"stages.{call.name}", *filled]
 
 
-def environment() -> dict[str, str]:
-    """Variables for a stage that is called by hand."""
-    return {k: v for k, v in os.environ.items() if not k.startswith("DVC_")} | {"PYTHONPATH": str(ROOT / "src")}
-
-
 def run(call: StageCall, inputs: Path, out: Path) -> None:
     """Run a call to its end."""
-    done = subprocess.run(
-        command(call, inputs, out), cwd=ROOT, env=environment(), capture_output=True, text=True, check=False
-    )
+    done = python(*command(call, inputs, out)[1:])
     assert done.returncode == 0, done.stderr[-3000:]
 
 

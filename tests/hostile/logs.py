@@ -5,32 +5,29 @@ aside (when it is read, or since it departs from its fellows), or accept it. Wha
 log: it is harmless if it says nearly the same, else nonsense.
 """
 
-import contextlib
-import json
 import os
 import pickle
 import resource
 import select
+import shutil
 import struct
 import subprocess
 import sys
 import tempfile
-import time
 import traceback
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tests.code import ROOT
-from tests.hostile.base_logs import FORMATS, Columns, Format
+from tests.hostile.base_logs import FORMATS, Columns, Format, write_own
 from tests.hostile.column_harms import HARMS
-from tests.hostile.file_harms import FILE_HARMS
+from tests.hostile.file_harms import FILE_HARMS, main_file, repeated
 from tests.hostile.harmful_files import SPECIALS
-from tests.hostile.log_harms import write_case
 from tests.hostile.metadata_harms import METADATA
 from tests.hostile.other_files import OTHER_FILES, harms, judge_other, write_harmed
 
@@ -78,14 +75,8 @@ def cases() -> list[Case]:
     kinds: list[tuple[str, str, str]] = []
     for layout in FORMATS:
         kinds += [(layout.name, "columns", name) for name in HARMS if may_be_written(layout, name)]
-        repeats = {
-            name: WHOLE_FILE_SEEDS if "bit" in name or name in ("truncated", "noise", "zeros") else 1
-            for name in FILE_HARMS
-        }
-        kinds += [(layout.name, "file", name) for name, times in repeats.items() for _ in range(times)]
-    kinds += [("own", "metadata", name) for name in METADATA] + [
-        ("own_unchecked", "metadata", name) for name in METADATA
-    ]
+        kinds += [(layout.name, "file", name) for name in repeated(WHOLE_FILE_SEEDS)]
+    kinds += [(layout, "metadata", name) for layout in ("own", "own_unchecked") for name in METADATA]
     kinds += [(layout, "special", name) for name, (layout, _) in SPECIALS.items()]
     kinds += [(kind, "other", name) for kind in OTHER_FILES for name in harms(WHOLE_FILE_SEEDS)]
     return [Case(number, *kind) for number, kind in enumerate(kinds)]
@@ -101,21 +92,37 @@ def may_be_written(layout: Format, name: str) -> bool:
     if name == "dates":
         return layout.name in ("npz", "csv", "parquet", "own", "own_unchecked")
     if layout.name == "mat":
-        return name not in (
-            "unicode_column",
-            "html_column",
-            "long_name",
-            "text_column",
-            "unicode_joint",
-            "texts",
-            "words",
-        )
+        unwritable = ("unicode_", "html_column", "long_name", "text", "words")
+        return not name.startswith(unwritable)
     return True
 
 
 def log_path(folder: Path, layout: Format, number: int) -> Path:
     """Where a log of a format lies."""
     return folder / (str(number) if layout.name == "published" else f"log_{number}{layout.suffix}")
+
+
+def write_case(layout: Format, harm: str, name: str, path: Path, rng: np.random.Generator, log: int) -> Columns:
+    """Write one harmed log; the columns that it would have had."""
+    columns = layout.log(log)
+    if harm == "special":
+        SPECIALS[name][1](path)
+    elif harm == "metadata":
+        write_own(columns, path, METADATA[name])
+    elif harm == "columns":
+        layout.write(HARMS[name](columns, rng), path)
+    else:
+        layout.write(columns, path)
+        FILE_HARMS[name](main_file(path, rng), rng)
+    return columns
+
+
+def clear(path: Path) -> None:
+    """Remove what a case left, whatever it is."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    elif path.is_symlink() or path.exists():
+        path.unlink()
 
 
 class Reader:
@@ -256,11 +263,8 @@ class Worker:
 
     def start(self) -> subprocess.Popen[bytes]:
         """A new process, ready to read."""
-        code = (
-            f"import sys; sys.path.insert(0, {str(ROOT)!r}); from pathlib import Path; from tests.hostile import logs; "
-        )
-        code += f"logs.serve(Path({str(self.models)!r}))"
-        path = os.pathsep.join(filter(None, (str(ROOT / "src"), os.environ.get("PYTHONPATH"))))
+        code = f"from pathlib import Path; from tests.hostile import logs; logs.serve(Path({str(self.models)!r}))"
+        path = os.pathsep.join(filter(None, (str(ROOT), str(ROOT / "src"), os.environ.get("PYTHONPATH"))))
         environment = os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
         process = subprocess.Popen(
             [sys.executable, "-c", code],
@@ -292,8 +296,7 @@ class Worker:
         self.process.wait()
 
 
-@contextlib.contextmanager
-def prepared(folder: Path) -> Iterator[dict[str, Path]]:
+def prepared(folder: Path) -> dict[str, Path]:
     """Folders with whole logs, one a format; and models of their robots, each beside the victim as it was."""
     (folder / "models").mkdir()
     found = {}
@@ -305,16 +308,14 @@ def prepared(folder: Path) -> Iterator[dict[str, Path]]:
             layout.write(layout.log(number), log_path(found[layout.name], layout, number))
         (folder / "models" / layout.name).mkdir()
         layout.write(layout.log(VICTIM), log_path(folder / "models" / layout.name, layout, VICTIM))
-    yield found
+    return found
 
 
 def run_cases(chosen: Sequence[Case], seed: int) -> list[Result]:
     """Judge cases one after the other."""
-    from tests.hostile.log_harms import clear
-
     layouts, results = {layout.name: layout for layout in FORMATS}, []
-    with tempfile.TemporaryDirectory() as name, prepared(Path(name)) as folders:
-        worker = Worker(Path(name) / "models")
+    with tempfile.TemporaryDirectory() as name:
+        folders, worker = prepared(Path(name)), Worker(Path(name) / "models")
         try:
             for case in chosen:
                 rng = np.random.default_rng([seed, case.number])
@@ -350,18 +351,3 @@ def cases_number(number: int, seed: int) -> Mapping[str, int]:
     results = run_cases(cases()[number * CASES_AT_ONCE :][:CASES_AT_ONCE], seed)
     print(report(results), flush=True)
     return figures(results)
-
-
-def main() -> None:
-    """All cases, or those whose names contain a word; every outcome into a JSON file for whoever looks for a cause."""
-    word = sys.argv[1] if len(sys.argv) > 1 else ""
-    begin = time.perf_counter()
-    results = run_cases([case for case in cases() if word in str(case)], 1)
-    print(report(results))
-    print(figures(results), f"{time.perf_counter() - begin:.0f} s")
-    if len(sys.argv) > 2:
-        Path(sys.argv[2]).write_text(json.dumps([asdict(one) for one in results], indent=1))
-
-
-if __name__ == "__main__":
-    main()

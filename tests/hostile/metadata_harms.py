@@ -2,10 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
-
-from tests.hostile.base_logs import Columns, write_own
 
 DEEP = '{"robot": ' + "[" * 100_000 + "]" * 100_000 + "}"
 JUMP = {"format_version": 1, "terrain": [], "target": {"x_m": 0.6, "z_m": 0.0}}
@@ -58,8 +55,3 @@ METADATA: Mapping[str, Any] = {
     "derived_number": {"derived": {"time": 3}},
 }
 """Changes to the metadata of a log of ours, or their whole text."""
-
-
-def write_with_metadata(name: str, columns: Columns, path: Path) -> None:
-    """A log of ours with other metadata."""
-    write_own(columns, path, METADATA[name])

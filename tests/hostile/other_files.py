@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tests.hostile.base_logs import ARM, HOPPER
-from tests.hostile.file_harms import FILE_HARMS
+from tests.hostile.file_harms import FILE_HARMS, repeated
 
 URDF = """<robot name="arm"><link name="base"/><link name="upper"><inertial><origin xyz="0 0 -.1"/><mass value="1"/>
 <inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial><collision><geometry>
@@ -137,14 +137,13 @@ OTHER_FILES: Mapping[str, OtherFile] = {
 """Every kind."""
 VALUE = re.compile(r'(?<==")[^"]*(?=")|(?<=: )[^\n,{}\[\]]+(?=[,}\n])')
 """Values of attributes of XML, of keys of JSON and of YAML."""
-VALUES, MORE = 70, {"truncated", "noise", "zeros"}
-"""Cases of another value for each kind of file, and harms to a file that are tried with several seeds."""
+VALUES = 70
+"""Cases of another value for each kind of file."""
 
 
-def harms(several: int) -> list[str]:
+def harms(seeds: int) -> list[str]:
     """Names of the harms to one of these files, each as often as it is tried."""
-    repeated = [name for name in FILE_HARMS for _ in range(several if "bit" in name or name in MORE else 1)]
-    return [*repeated, *["value"] * VALUES]
+    return [*repeated(seeds), *["value"] * VALUES]
 
 
 def write_harmed(kind: str, harm: str, folder: Path, rng: np.random.Generator) -> Path:

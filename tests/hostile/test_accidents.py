@@ -1,10 +1,8 @@
 """Kills, Ctrl-C, full disks and folders that nobody may write to."""
 
 import os
-import resource
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -12,22 +10,20 @@ import pytest
 
 from leapgap.robot.model import Robot
 from leapgap.runtime.executor import Executor
-from tests import plain_arm
 from tests.code import ROOT
+from tests.commands import assert_refused, environment, python
 from tests.hostile.kills import (
     CALLS,
     ORPHAN_S,
     SOON_S,
     Running,
     command,
-    environment,
     files,
     kill_and_resume,
     prepare,
     run,
 )
 from tests.logs.test_importers import write_published
-from tests.stages.test_by_hand import assert_refused
 
 pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are listed by /proc")
 BY_NAME = {call.name: call for call in CALLS}
@@ -158,19 +154,9 @@ def raw(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def import_logs(raw: Path, out: Path, limit: int | None = None) -> subprocess.CompletedProcess:
-    """Import logs, with files of at most ``limit`` bytes: what is larger fails as on a full disk."""
-    limits = None if limit is None else lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+def import_logs(raw: Path, out: Path, most_bytes: int | None = None) -> subprocess.CompletedProcess:
     arguments = (f"import_logs.source={raw}", f"import_logs.out={out}")
-    return subprocess.run(
-        [sys.executable, "-m", "stages.import_logs", *arguments],
-        cwd=ROOT,
-        env=environment(),
-        capture_output=True,
-        text=True,
-        preexec_fn=limits,
-        check=False,
-    )
+    return python("-m", "stages.import_logs", *arguments, most_bytes=most_bytes)
 
 
 def test_a_full_disk_is_a_message_that_says_what_was_kept(raw: Path, tmp_path: Path) -> None:
@@ -180,26 +166,6 @@ def test_a_full_disk_is_a_message_that_says_what_was_kept(raw: Path, tmp_path: P
     assert_refused(import_logs(raw, out, 50_000), "File too large", f"{out} is as it was")
     assert files(out) == before
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
-
-
-def test_a_full_disk_is_a_message_of_the_command_that_names_the_folder(tmp_path: Path) -> None:
-    logs, model, out = (
-        plain_arm.write_parquet(tmp_path / "logs", logs=1),
-        plain_arm.write_model(tmp_path),
-        tmp_path / "out",
-    )
-    done = subprocess.run(
-        [sys.executable, "-m", "leapgap.cli", "replay", str(logs), str(model), "--out", str(out)],
-        env=environment(),
-        capture_output=True,
-        text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (32_000, 32_000)),
-        check=False,
-    )
-    assert done.returncode == 2
-    assert done.stderr.startswith(f"leapgap replay: {out}: found ") and len(done.stderr.splitlines()) == 1, done.stderr
-    assert "File too large" in done.stderr and f"{out} is as it was" in done.stderr
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["arm.xml", "logs"]
 
 
 @pytest.mark.filterwarnings("error")

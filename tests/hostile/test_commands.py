@@ -2,7 +2,6 @@
 
 import json
 import os
-import resource
 import shutil
 import subprocess
 import sys
@@ -25,7 +24,7 @@ from leapgap.logs.reading import read_folder
 from leapgap.reports.diagnosis import ChosenLogs
 from leapgap.runtime.atomic_io import write_json, write_text
 from tests import plain_arm
-from tests.hostile.kills import environment
+from tests.commands import environment, python
 
 
 @pytest.fixture(scope="module")
@@ -255,31 +254,18 @@ def test_names_of_files_that_are_no_text_reach_the_report(tmp_path: Path) -> Non
     assert (tmp_path / "page.html").read_bytes() == rb"bad\udcff"
 
 
-def by_hand(*arguments: object, limit: int | None = None, shell: str = "") -> subprocess.CompletedProcess:
-    """The command in a process of its own, with files of at most ``limit`` bytes."""
-    limits = None if limit is None else lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-    called = [sys.executable, "-m", "leapgap.cli", *map(str, arguments)]
-    return subprocess.run(
-        ["sh", "-c", f'exec "$@" {shell}', "sh", *called],
-        env=environment(),
-        capture_output=True,
-        text=True,
-        preexec_fn=limits,
-        check=False,
-        timeout=300,
-    )
-
-
 @pytest.mark.parametrize(("shell", "code"), [(">&-", 0), (">&- 2>&-", 0), (">/dev/full", 2)])
 def test_a_closed_or_full_output_is_no_traceback(shell: str, code: int) -> None:
-    done = by_hand("effects", shell=shell)
+    called = ["sh", "-c", f'exec "$@" {shell}', "sh", sys.executable, "-m", "leapgap.cli", "effects"]
+    done = subprocess.run(called, env=environment(), capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == code, done.stderr
     assert len(done.stderr.splitlines()) == (code == 2), done.stderr
 
 
 def test_a_disk_that_is_full_while_a_report_is_written(arm: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    done = by_hand("diagnose", arm / "logs", arm / "arm.xml", "--out", out, *ONE_EFFECT, limit=50_000)
+    arguments = ("diagnose", arm / "logs", arm / "arm.xml", "--out", out, *ONE_EFFECT)
+    done = python("-m", "leapgap.cli", *arguments, most_bytes=50_000)
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1 and "File too large" in done.stderr, done.stderr
     assert f"{out} is as it was" in done.stderr and not list(tmp_path.iterdir())

@@ -1,38 +1,28 @@
 """What a user reads: help of every stage, the version, the nearest key to a misspelt one; from any folder."""
 
-import os
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from omegaconf import OmegaConf
 
-from leapgap import cli
+from leapgap import Settings, __version__, cli
 from leapgap.errors import InputError
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.runtime.executor import Executor
+from leapgap.settings import from_json
 from leapgap.validation.half_scores import check_judged_logs
 from stages.compose import compose_conf
 from stages.help import describe
 from tests.code import ROOT
-from tests.stages.test_by_hand import assert_refused, stage
+from tests.commands import assert_refused, python, stage
 
 NAMES = sorted(path.stem for path in (ROOT / "stages").glob("*.py") if '__name__ == "__main__"' in path.read_text())
 
 
-def elsewhere(folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess:
-    """A stage that is called from another folder than the project's."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("DVC_")}
-    environment["PYTHONPATH"] = f"{ROOT}{os.pathsep}{ROOT / 'src'}"
-    command = [sys.executable, "-m", f"stages.{name}", *arguments]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_help_says_what_a_stage_does_with_examples_and_its_options(name: str, tmp_path: Path) -> None:
-    result = elsewhere(tmp_path, name, "--help")
+    result = stage(name, "--help", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     settings = (ROOT / "conf" / name / "default.yaml").is_file()
     assert f"usage: python -m stages.{name} [{'key=value' if settings else 'word'} …]" in result.stdout
@@ -71,10 +61,8 @@ def test_options_take_default_and_comment_from_the_configuration() -> None:
 
 
 def test_the_version_of_a_stage(tmp_path: Path) -> None:
-    import leapgap
-
-    result = elsewhere(tmp_path, "chunk", "--version")
-    assert (result.returncode, result.stdout) == (0, f"leapgap {leapgap.__version__}\n")
+    result = stage("chunk", "--version", cwd=tmp_path)
+    assert (result.returncode, result.stdout) == (0, f"leapgap {__version__}\n")
 
 
 @pytest.mark.long
@@ -131,17 +119,12 @@ def test_a_misspelt_command_is_answered_with_the_nearest(
 @pytest.mark.parametrize("arguments", [("leapgap.cli", "effects"), ("stages.chunk", "--help")])
 def test_a_terminal_that_lacks_a_character_gets_its_code(arguments: tuple[str, ...]) -> None:
     """Windows and old locales know no ``→`` or ``²``."""
-    environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'src'}", "PYTHONIOENCODING": "ascii"}
-    done = subprocess.run([sys.executable, "-m", *arguments], env=environment, capture_output=True, check=False)
-    assert done.returncode == 0 and done.stderr == b"", done.stderr
-    assert rb"N\xb7m" in done.stdout
+    done = python("-m", *arguments, PYTHONIOENCODING="ascii")
+    assert done.returncode == 0 and done.stderr == "", done.stderr
+    assert r"N\xb7m" in done.stdout
 
 
 def test_a_misspelt_setting_of_a_file_is_answered_with_the_nearest(tmp_path: Path) -> None:
-    from leapgap import Settings
-    from leapgap.errors import InputError
-    from leapgap.settings import from_json
-
     (tmp_path / "settings.json").write_text('{"bootstrap_drws": 3}')
     with pytest.raises(InputError, match=r"did you mean bootstrap_draws\?"):
         from_json(Settings, tmp_path / "settings.json")
@@ -149,7 +132,7 @@ def test_a_misspelt_setting_of_a_file_is_answered_with_the_nearest(tmp_path: Pat
 
 def test_a_stage_finds_the_projects_robot_from_any_folder(tmp_path: Path) -> None:
     (tmp_path / "raw").mkdir()
-    result = elsewhere(tmp_path, "import_logs", "import_logs.source=raw", "import_logs.out=jumps")
+    result = stage("import_logs", "import_logs.source=raw", "import_logs.out=jumps", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert (tmp_path / "jumps" / ".leapgap.json").is_file()
 

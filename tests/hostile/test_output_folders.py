@@ -13,9 +13,9 @@ from leapgap.logs import log as jump_log
 from leapgap.robot.model import Robot
 from leapgap.runtime.output_folder import claim_folder, merged_folder, whole_folder
 from tests import plain_arm
+from tests.commands import assert_refused, stage
 from tests.conftest import standing
 from tests.logs.test_importers import write_published
-from tests.stages.test_by_hand import assert_refused, stage
 
 TEST = "leapgap test"
 

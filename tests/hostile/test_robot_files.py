@@ -154,10 +154,7 @@ REFUSED: dict[str, tuple[str, str]] = {
     "negative mass": (mjcf(body(geom='size="0.1" mass="-1"')), "no valid MuJoCo model"),
     "no body": (mjcf("", ""), "no actuator at any joint"),
     "no motor": (mjcf(rest=""), "no actuator at j"),
-    "unnamed joints": (
-        mjcf(body('name="arm"', "") + body("", ""), ""),
-        "unnamed joints of the bodies arm, (no name)",
-    ),
+    "unnamed joints": (mjcf(body('name="arm"', "") + body("", ""), ""), "unnamed joints of the bodies arm, (no name)"),
     "two of one name": (mjcf(LINK + LINK), "no valid MuJoCo model"),
     "motor of nothing": (mjcf(rest='<actuator><motor joint="k"/></actuator>'), "no valid MuJoCo model"),
     "ball": (mjcf(body('name="b"', 'type="ball"') + LINK), "free or ball joints of the bodies b"),

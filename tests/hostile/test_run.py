@@ -1,13 +1,12 @@
 """The module behind ``make hostile``."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 
 from tests.code import ROOT
+from tests.commands import python
 from tests.hostile.kills import AT_ONCE, CALLS, stage_and_moments
 from tests.hostile.run import FIGURES
 
@@ -16,17 +15,10 @@ def test_a_part_writes_its_figures_and_keeps_those_of_the_others(tmp_path: Path)
     path = tmp_path / "hostile.json"
     path.write_text('{"kills": 7}')
     arguments = ("--parts", "ticks", "--ticks", "14000", "--json", str(path), "--work", str(tmp_path / "work"))
-    first, again = (
-        subprocess.run(
-            [sys.executable, "-m", "tests.hostile.run", *arguments],
-            cwd=ROOT,
-            check=True,
-            capture_output=True,
-            text=True,
-        ).stdout
-        for _ in range(2)
-    )
-    assert "ticks 1 of 1: " in first and "ticks 1 of 1: " not in again, "the second run tries nothing again"
+    first, again = (python("-m", "tests.hostile.run", *arguments) for _ in range(2))
+    assert (first.returncode, again.returncode) == (0, 0), first.stderr + again.stderr
+    assert "ticks 1 of 1: " in first.stdout
+    assert "ticks 1 of 1: " not in again.stdout, "the second run tries nothing again"
     figures = json.loads(path.read_text())
     assert tuple(figures) == FIGURES
     assert figures["kills"] == 7 and figures["ticks"] >= 14000

@@ -1,8 +1,6 @@
 """The same input gives the same bytes, whatever the number of threads and processes."""
 
 import os
-import subprocess
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,7 @@ import leapgap as lg
 from leapgap.reports import diagnosis
 from leapgap.runtime.blas import loaded, one_blas_thread
 from tests import plain_arm
-from tests.code import ROOT
+from tests.commands import python
 
 SUMS = """
 import hashlib
@@ -29,11 +27,9 @@ PINNED = "from leapgap.runtime.blas import one_blas_thread; pin = one_blas_threa
 def with_threads(number: int, before: str) -> str:
     """What a process with that many threads of BLAS prints."""
     threads = {f"{library}_NUM_THREADS": str(number) for library in ("OMP", "OPENBLAS", "MKL")}
-    environment = os.environ | threads | {"PYTHONPATH": str(ROOT / "src")}
-    code = SUMS.format(before=before)
-    return subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, check=True
-    ).stdout.decode()
+    done = python("-c", SUMS.format(before=before), **threads)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one core has one thread")
@@ -75,6 +71,4 @@ def test_a_diagnosis_computes_with_one_thread(tmp_path: Path, monkeypatch: pytes
 
 def test_stages_use_one_thread_whatever_the_environment_says() -> None:
     code = "import stages, os; print(os.environ['OMP_NUM_THREADS'], os.environ['OPENBLAS_NUM_THREADS'])"
-    environment = os.environ | {"OMP_NUM_THREADS": "4", "OPENBLAS_NUM_THREADS": "4"}
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, check=True)
-    assert done.stdout == b"1 1\n"
+    assert python("-c", code, OMP_NUM_THREADS="4", OPENBLAS_NUM_THREADS="4").stdout == "1 1\n"

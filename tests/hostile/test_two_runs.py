@@ -14,8 +14,8 @@ from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import HOST, partial, whole_file, write_text
 from leapgap.runtime.output_folder import MARKER, claim_folder, folder_lock, whole_folder
 from tests.code import ROOT
+from tests.commands import assert_refused, environment, stage
 from tests.logs.test_importers import write_published
-from tests.stages.test_by_hand import assert_refused, stage
 
 TEST = "leapgap test"
 HOLD = """
@@ -95,9 +95,8 @@ def test_two_imports_into_one_folder(tmp_path: Path, robot: Robot) -> None:
         write_published(tmp_path / "raw" / str(i + 1), robot)
     out = tmp_path / "out"
     command = [sys.executable, "-m", "stages.import_logs", f"import_logs.source={tmp_path / 'raw'}"]
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("DVC_")}
     both = [
-        subprocess.Popen([*command, f"import_logs.out={out}"], cwd=ROOT, env=environment, stderr=subprocess.PIPE)
+        subprocess.Popen([*command, f"import_logs.out={out}"], cwd=ROOT, env=environment(), stderr=subprocess.PIPE)
         for _ in range(2)
     ]
     said = [process.communicate()[1].decode() for process in both]

@@ -9,22 +9,17 @@ import yaml
 
 from leapgap.cli import main
 from leapgap.errors import InputError
+from leapgap.logs.importers import log_format
 from leapgap.logs.log import read_logs
 from leapgap.logs.map_proposal.names import families, quantity_by_words, words
 from leapgap.logs.map_proposal.report import propose_map
 from leapgap.robot.model import Robot
 from tests.logs.test_ros import write_mcap
 from tests.logs.test_table_formats import write_lerobot
-from tests.logs.test_tables import TWO_JOINTS, write_table
+from tests.logs.test_tables import write_table
 
 KP, KD = np.array([40.0, 25.0]), np.array([1.5, 0.8])
 DEGREE = np.pi / 180
-
-
-@pytest.fixture
-def arm(tmp_path: Path) -> Robot:
-    (tmp_path / "two.xml").write_text(TWO_JOINTS)
-    return Robot.load(tmp_path / "two.xml")
 
 
 def motion(rows: int = 1500) -> dict[str, np.ndarray]:
@@ -152,6 +147,22 @@ def test_a_torque_that_was_sent_and_measured_leaves_no_room_for_a_joint_pd(arm: 
     assert options["joint_names"] == {"left": "shoulder", "right": "elbow"}
     assert options["constants"] == {f"cmd_{name}/*": 0.0 for name in ("pos", "vel", "kp", "kd")}
     assert "the measured torque is 0.95 times the one that was sent" in text
+
+
+def test_set_points_beside_a_sent_torque_leave_nothing_in_the_map(arm: Robot, tmp_path: Path) -> None:
+    """Ticks of an encoder have their zero in the middle of a turn: their offset goes with the columns."""
+    truth, turn = motion(), 2 * np.pi / 4096
+    columns = {"time": truth["time"]}
+    for i, joint in enumerate(arm.joints):
+        ticks = {kind: np.round(truth[of][:, i] / turn + 2048) for kind, of in (("angle", "q"), ("angle_ref", "q_set"))}
+        columns |= {f"{joint}_{kind}": values for kind, values in ticks.items()}
+        columns |= {f"{joint}_torque_{kind}": truth["torque"][:, i] for kind in ("cmd", "meas")}
+    path = write_table(tmp_path / "a.csv", columns)
+    options, text = propose(path, arm)
+    assert options["offsets"].keys() == {"joint_pos/*"} and "cmd_pos is" not in text
+    layout = log_format("csv")
+    log = layout.read(path, "a", arm, layout.Options(**options))
+    assert log["joint_pos/elbow"] == pytest.approx(truth["q"][:, 1], abs=turn)
 
 
 def test_what_cannot_be_told_is_missing_and_not_assumed(arm: Robot, tmp_path: Path) -> None:
@@ -317,3 +328,17 @@ def test_many_small_arrays_beside_the_log_do_not_hide_it(arm: Robot, tmp_path: P
     np.savez(tmp_path / "a.npz", t=truth["time"], q=truth["q"].T, dq=truth["dq"], **extra)
     options = yaml.safe_load(propose_map(tmp_path / "a.npz", arm).text(arm))["npz"]
     assert options["columns"] == {"time": "t", "joint_pos/*": "q[*]", "joint_vel/*": "dq[*]"}
+
+
+@pytest.mark.parametrize("late", [True, False], ids=["last stamp first", "one set point"])
+def test_the_unit_of_set_points_without_two_rows_beside_others_is_asked_for(
+    arm: Robot, tmp_path: Path, late: bool
+) -> None:
+    truth = motion(300)
+    columns = {"time": np.roll(truth["time"], 1) if late else truth["time"]}
+    columns |= {f"{name}_{i}": truth[name][:, i] for name in ("q", "dq", "q_set") for i in (0, 1)}
+    if not late:
+        columns["q_set_1"] = np.where(np.arange(300) < 1, columns["q_set_1"], np.nan)
+    options, text = propose(write_table(tmp_path / "a.csv", columns), arm)
+    assert options["units"]["cmd_pos/*"] == "?"
+    assert "the unit of cmd_pos: no two rows" in text

@@ -20,18 +20,12 @@ from leapgap.logs.importers import log_format
 from leapgap.logs.importers.tables import Table
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from tests.logs.test_tables import NO_COMMANDS, TWO_JOINTS
+from tests.logs.test_tables import NO_COMMANDS
 
 ROWS = 40
 TIME = 5 + 0.01 * np.arange(ROWS)
 Q = np.stack([0.1 * TIME, -0.3 * TIME], axis=1)
 ORDER = ["elbow", "shoulder"]
-
-
-@pytest.fixture
-def arm(tmp_path: Path) -> Robot:
-    (tmp_path / "two.xml").write_text(TWO_JOINTS)
-    return Robot.load(tmp_path / "two.xml")
 
 
 def read(name: str, path: Path, arm: Robot, time: str, position: str, **options: object) -> Log:
@@ -301,25 +295,6 @@ def test_a_file_of_noise_is_refused(arm: Robot, tmp_path: Path, name: str, file:
     (tmp_path / file).write_bytes(np.random.default_rng(0).bytes(3000))
     with pytest.raises(InputError, match=message):
         read(name, tmp_path / file, arm, "t", "/q[*]")
-
-
-@pytest.mark.parametrize("name", ["npz", "parquet", "hdf5", "mat"])
-@pytest.mark.parametrize("share", [0.3, 0.9])
-def test_a_file_that_is_cut_off_is_refused(arm: Robot, tmp_path: Path, name: str, share: float) -> None:
-    path = tmp_path / "a"
-    with path.open("wb") as file:
-        if name == "npz":
-            np.savez(file, t=TIME, q=Q)
-        elif name == "parquet":
-            pq.write_table(pa.table({"t": TIME, "q": list(Q)}), file)
-        elif name == "mat":
-            scipy.io.savemat(file, {"t": TIME, "q": Q})
-    if name == "hdf5":
-        with h5py.File(path, "w") as data:
-            data["t"], data["q"] = TIME, Q
-    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
-    with pytest.raises(InputError):
-        read(name, path, arm, "t", "q[*]")
 
 
 def test_single_numbers_of_a_matlab_file_are_arrays_too(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """Robots of MuJoCo Menagerie by name: of a checkout, and refused where there is none. No test needs a network."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -9,6 +7,7 @@ import pytest
 from leapgap.cli import main
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
+from tests.commands import python
 from tests.plain_simulation import published
 from tests.robot.quadrupeds import GO2, mjcf
 
@@ -80,8 +79,6 @@ def test_without_a_checkout_and_a_network_the_refusal_names_both() -> None:
 
 def test_without_the_package_the_refusal_names_the_extra() -> None:
     hidden = "import sys; sys.modules['mujoco_menagerie'] = None; from leapgap.cli import main; sys.exit(main())"
-    done = subprocess.run(
-        [sys.executable, "-c", hidden, "effects", "menagerie:unitree_go2"], capture_output=True, text=True
-    )
+    done = python("-c", hidden, "effects", "menagerie:unitree_go2")
     assert done.returncode == 2
     assert "pip install 'leapgap[menagerie]'" in done.stderr

@@ -2,8 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,31 +10,9 @@ import pytest
 from leapgap.jumping.task import target_of
 from leapgap.logs import log as jump_log
 from leapgap.robot.model import Robot
-from tests.code import ROOT
+from tests.commands import assert_refused, stage
 from tests.conftest import standing
 from tests.logs.test_importers import write_published
-
-
-def stage(name: str, *arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess:
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("DVC_")}
-    return subprocess.run(
-        [sys.executable, "-m", f"stages.{name}", *arguments],
-        cwd=cwd,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
-def assert_refused(result: subprocess.CompletedProcess, *parts: str, lines: int = 1) -> None:
-    """Exit code 2 and one message without a traceback."""
-    assert result.returncode == 2, result.stderr
-    assert "Traceback" not in result.stderr
-    assert result.stderr.startswith("stages.")
-    assert len(result.stderr.strip().splitlines()) == lines
-    for part in parts:
-        assert part in result.stderr, result.stderr
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.stages.test_by_hand import assert_refused, stage
+from tests.commands import assert_refused, stage
 
 SMALL = (
     "size=tiny",

@@ -18,7 +18,7 @@ from leapgap.runtime.cache import ResultCache
 from stages.common import read_config
 from stages.compose import compose_conf
 from stages.sections.land import experiment_of
-from tests.stages.test_by_hand import assert_refused, stage
+from tests.commands import assert_refused, stage
 
 SMALL = (
     "size=tiny",

@@ -9,7 +9,7 @@ import pytest
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from tests.stages.test_by_hand import stage
+from tests.commands import stage
 
 GRAVITY = 9.81
 A1_KG = 12.453

@@ -1,9 +1,7 @@
 """``robot=<name>`` chooses the robot of each stage: plans, masses and diagnosis follow it, or it is refused."""
 
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,7 +18,7 @@ from leapgap.jumping.planning.reference_store import reference_to, select_planar
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.logs.log import Log, read_log, write_log
 from leapgap.robot.model import Robot
-from tests.code import ROOT
+from tests import commands
 from tests.conftest import standing
 from tests.plain_arm import write_model
 from tests.robot.quadrupeds import GO2, mjcf
@@ -40,14 +38,7 @@ def menagerie(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def stage(menagerie: Path, name: str, *arguments: object) -> subprocess.CompletedProcess[str]:
-    environment = {key: value for key, value in os.environ.items() if not key.startswith("DVC_")}
-    return subprocess.run(
-        [sys.executable, "-m", f"stages.{name}", "executor=local", *map(str, arguments)],
-        cwd=ROOT,
-        env=environment | {"MENAGERIE_ROOT": str(menagerie)},
-        capture_output=True,
-        text=True,
-    )
+    return commands.stage(name, "executor=local", *arguments, MENAGERIE_ROOT=str(menagerie))
 
 
 @pytest.fixture(scope="module")

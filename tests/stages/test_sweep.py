@@ -4,8 +4,6 @@ import csv
 import os
 import pickle
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,7 @@ from leapgap.runtime.atomic_io import read_json, write_json
 from stages.compose import compose_conf
 from stages.sweep import HELD, Table
 from tests import plain_arm
+from tests.commands import environment, python, stage
 from tests.jumping.learning.conftest import jumps, windows  # noqa: F401 - fixtures
 
 ROOT = Path(__file__).parents[2]
@@ -35,9 +34,7 @@ def test_a_multirun_of_train_ends_with_one_table(windows, tmp_path):  # noqa: F8
         "train.kernel.length_contact=1,2",
         f"hydra.sweep.dir={tmp_path / 'sweep'}",
     ]
-    done = subprocess.run(
-        [sys.executable, "-m", "stages.train", "-m", *arguments], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    done = stage("train", "-m", *arguments)
     assert done.returncode == 0, done.stderr
     with (tmp_path / "sweep" / "table.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -50,8 +47,8 @@ def test_a_multirun_of_train_ends_with_one_table(windows, tmp_path):  # noqa: F8
 
 def multirun(*arguments: str, code: int = 0, path: str = "") -> str:
     """A sweep of a stage; what it printed."""
-    own = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH", ""), path]))}
-    done = subprocess.run([sys.executable, "-m", *arguments], cwd=ROOT, env=own, capture_output=True, text=True)
+    own = {"PYTHONPATH": os.pathsep.join((environment()["PYTHONPATH"], path))} if path else {}
+    done = python("-m", *arguments, **own)
     assert done.returncode == code, done.stdout[-2000:] + done.stderr[-3000:]
     return done.stdout + done.stderr
 

@@ -57,7 +57,7 @@ def test_figures_of_a_family_by_hand() -> None:
     slow = truth("single", "torque_gain")
     rows.append(row_without_answer(slow, truth_in_words(slow), "no answer in 9 s") | TIMES)
     found = summary(rows)
-    assert found["right"] == [4, 6]  # `partly` is right by the rule of the blind check, and states a false name
+    assert found["right"] == [4, 6]  # `partly` is right by the rule of the benchmark, and states a false name
     assert found["honest"] == [3, 6]
     assert found["first"] == [1, 2]
     assert found["wrongly_named"] == [1, 6]

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from hydra import compose, initialize_config_dir
 
 from leapgap import effects
 from leapgap.effects.base import Commands, Effect
@@ -32,14 +31,13 @@ from leapgap.validation.off_table.loads import SLOSH_HZ, SloshingPayload
 from leapgap.validation.off_table.measurement import PacketLoss
 from leapgap.validation.off_table.motors import Backlash, DeadBand
 from leapgap.validation.off_table.pulls import DRAG_AREA, Wind
-from stages.common import CONF
+from stages.compose import compose_conf
 from tests.conftest import standing
 
 
 @pytest.fixture(scope="module")
 def sizes() -> dict[str, dict[str, list[float]]]:
-    with initialize_config_dir(version_base="1.3", config_dir=str(CONF)):
-        return compose("config").withhold.sizes
+    return compose_conf()["withhold"]["sizes"]
 
 
 @pytest.fixture(scope="module")

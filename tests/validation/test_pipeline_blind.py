@@ -26,6 +26,7 @@ from leapgap.validation.case_draw import Case
 from stages.compose import compose_conf
 from stages.sections.diagnosis import diagnosis_settings
 from tests.code import ROOT, closure
+from tests.commands import stage
 from tests.test_pipeline_files import stages
 
 pytestmark = pytest.mark.long
@@ -153,11 +154,9 @@ def test_a_verdict_is_the_same_bytes_in_an_empty_folder_and_in_place(case: Path,
     flat = {k: v for k, v in FAST.items() if k != "plan"} | {f"plan.{k}": v for k, v in FAST["plan"].items()}
     settings = [f"diagnose.settings.{key}={json.dumps(value)}" for key, value in flat.items()]
     out = case / "in_place"
-    subprocess.run(
-        [sys.executable, "-m", "stages.diagnose", f"diagnose.logs={case}/logs/case_000", f"diagnose.out={out}",
-         "diagnose.recordings=false", *settings],
-        cwd=ROOT, check=True, capture_output=True,
-    )  # fmt: skip
+    arguments = (f"diagnose.logs={case}/logs/case_000", f"diagnose.out={out}", "diagnose.recordings=false", *settings)
+    done = stage("diagnose", *arguments)
+    assert done.returncode == 0, done.stderr
     for name in ("report.json", "corrected/effects.json", "corrected/robot.xml"):
         assert (verdicts / "case_000" / name).read_bytes() == (out / name).read_bytes()
     assert str(case) not in (out / "report.json").read_text()

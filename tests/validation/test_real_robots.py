@@ -1,7 +1,5 @@
 """The table of real robots: what counts as right, and that absent data are left out."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -36,6 +34,7 @@ from leapgap.validation.real_robots import (
     toss_loss,
 )
 from tests.code import ROOT
+from tests.commands import stage
 
 NO_PD = ("cmd_pos/hinge", "cmd_vel/hinge", "cmd_kp/hinge", "cmd_kd/hinge")
 FRICTION = {"joint_friction": {"torque_nm": [-0.1, 0.9]}}
@@ -60,13 +59,23 @@ def test_a_cause_is_right_if_it_is_listed_with_its_value_in_the_range(found: Cau
     assert not is_expected(found, {})
 
 
+def naming(named: Cause, **further: object) -> SimpleNamespace:
+    """The content of a report that names one cause."""
+    return SimpleNamespace(
+        causes=(named,),
+        answer=((named.effect,),),
+        closure_of_answer=None,
+        verdict="named",
+        gap_nominal=1.0,
+        headline=SimpleNamespace(horizon_s=None),
+        gap_per_log={},
+        **further,
+    )
+
+
 def test_a_case_without_a_published_answer_is_neither_right_nor_false() -> None:
     """Whatever is named; a case whose answer is to name nothing is another matter."""
-    named = cause("joint_friction", torque_nm=0.5)
-    content = SimpleNamespace(
-        causes=(named,), answer=(("joint_friction",),), closure_of_answer=None, verdict="named", gap_nominal=1.0
-    )
-    content.headline, content.gap_per_log = SimpleNamespace(horizon_s=None), {}
+    content = naming(cause("joint_friction", torque_nm=0.5))
     case = RealCase("arm", "logs", "robot.xml", "nothing", None, False, None)
     for expected, right, false_name in ((None, None, False), ({}, False, True), (FRICTION, True, False)):
         row = outcome_of(replace(case, expected=expected), content, 1.0)
@@ -87,15 +96,7 @@ def test_a_case_is_left_out_where_its_files_are_absent(tmp_path: Path) -> None:
 
 
 def test_an_answer_without_what_a_motion_was_made_for_is_not_right() -> None:
-    content = SimpleNamespace(
-        causes=(cause("joint_friction", torque_nm=0.5),),
-        answer=(("joint_friction",),),
-        closure_of_answer=None,
-        verdict="named",
-        gap_nominal=1.0,
-        headline=SimpleNamespace(horizon_s=None),
-        gap_per_log={},
-    )
+    content = naming(cause("joint_friction", torque_nm=0.5))
     case = RealCase("arm", "logs", "robot.xml", "friction", FRICTION, False, None, asked=["joint_friction"])
     assert outcome_of(case, content, 1.0)["right"]
     row = outcome_of(replace(case, asked=["joint_play"]), content, 1.0)
@@ -151,15 +152,9 @@ def test_a_case_after_another_is_judged_against_the_robot_that_was_corrected_the
 
 
 def test_without_any_data_the_stage_says_so_and_writes_no_metrics(tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "stages.robots",
-        f"robots.raw={tmp_path / 'raw'}",
-        f"robots.out={tmp_path / 'out'}",
-    ]
-    command += [f"robots.metrics={tmp_path / 'metrics.json'}", f"hydra.run.dir={tmp_path / 'run'}"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    arguments = {"raw": tmp_path / "raw", "out": tmp_path / "out", "metrics": tmp_path / "metrics.json"}
+    given = [f"robots.{key}={value}" for key, value in arguments.items()]
+    done = stage("robots", *given, f"hydra.run.dir={tmp_path / 'run'}")
     assert done.returncode == 0, done.stderr
     cases = OmegaConf.load(ROOT / "conf/robots/default.yaml").cases
     assert done.stdout.count("left out") == len(cases) > 6
@@ -289,11 +284,6 @@ def test_a_push_is_found_at_its_joint_time_and_sign(
 @pytest.mark.parametrize(("impulse", "right"), [(-0.18, True), (-0.1, False)])
 def test_pushes_are_right_where_most_of_their_impulse_is_told(tmp_path: Path, impulse: float, right: bool) -> None:
     case = RealCase("acrobot", "acrobot", "robot.xml", "pushes", {"external_push": {}}, False, None)
-    named = cause("external_push")
-    content = SimpleNamespace(
-        causes=(named,), answer=(("external_push",),), closure_of_answer=None, verdict="named", gap_nominal=1.0
-    )
-    content.headline, content.gap_per_log = SimpleNamespace(horizon_s=None), {}
-    content.outside_forces = (force(0.5, 0.1), force(1.5, impulse))
+    content = naming(cause("external_push"), outside_forces=(force(0.5, 0.1), force(1.5, impulse)))
     row = outcome_of(case, content, 1.0, pushes_of(tmp_path))
     assert (row["right"], row["false_name"]) == (right, False)

@@ -1,9 +1,6 @@
 """Cases of other robots: their models, motions and sizes, and a whole class from its file to its scores."""
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +9,6 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from leapgap import effects
@@ -27,9 +23,11 @@ from leapgap.validation.motions import known
 from leapgap.validation.own_numbers import OwnNumbers
 from leapgap.validation.physics import IMPLICIT
 from leapgap.validation.withholding import ClassCases
-from stages.common import CONF, read_config
+from stages.common import read_config
+from stages.compose import compose_conf
 from stages.sections.withhold import WithholdSettings, read_class
 from tests.code import ROOT
+from tests.commands import stage
 from tests.plain_simulation import published
 from tests.robot.quadrupeds import GO2, mjcf
 
@@ -53,8 +51,7 @@ ONE_WEIGHT = """
 
 
 def class_of(name: str, *overrides: str) -> ClassCases:
-    with initialize_config_dir(version_base="1.3", config_dir=str(CONF)):
-        config = compose("config", [f"withhold/robot=[{name}]", *overrides])
+    config = OmegaConf.create(compose_conf([f"withhold/robot=[{name}]", *overrides]))
     return read_class(name, read_config(WithholdSettings, config.withhold, "withhold"), config.withhold)
 
 
@@ -266,10 +263,7 @@ def many(of: ClassCases, families: list[str], shares: dict[str, dict[str, list[f
 
 @pytest.fixture(scope="module")
 def shares() -> dict[str, dict[str, list[float]]]:
-    with initialize_config_dir(version_base="1.3", config_dir=str(CONF)):
-        found = OmegaConf.to_container(compose("config").withhold.shares)
-    assert isinstance(found, dict)
-    return found  # type: ignore[return-value]
+    return compose_conf()["withhold"]["shares"]
 
 
 def test_only_effects_that_exist_on_an_arm_are_drawn_at_places_that_it_has(
@@ -302,8 +296,7 @@ def test_an_effect_that_changes_nothing_there_is_left_out_by_its_file(arm: Class
 
 @pytest.mark.parametrize("name", ["ur5e", "go2_trot"])
 def test_a_class_has_sixty_cases_and_other_families_in_each_half(name: str) -> None:
-    with initialize_config_dir(version_base="1.3", config_dir=str(CONF)):
-        own = compose("config", ["size=blind"]).withhold.robots[name]
+    own = OmegaConf.create(compose_conf(["size=blind"])).withhold.robots[name]
     assert sum(half[kind] for half in own.halves.values() for kind in ("single", "pair", "nameless", "none")) == 60
     assert not set(own.halves.tuning.families) & set(own.halves.reported.families)
 
@@ -324,12 +317,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("class")
 
 
-def stage(name: str, *arguments: object) -> None:
-    environment = {key: value for key, value in os.environ.items() if not key.startswith("DVC_")}
-    done = subprocess.run(
-        [sys.executable, "-m", f"stages.{name}", "executor=local", "executor.workers=1", *map(str, arguments)],
-        cwd=ROOT, env=environment, capture_output=True, text=True,
-    )  # fmt: skip
+def run_stage(name: str, *arguments: object) -> None:
+    done = stage(name, "executor=local", "executor.workers=1", *arguments)
     assert done.returncode == 0, done.stderr
 
 
@@ -340,7 +329,7 @@ def test_a_class_goes_from_its_file_to_scores_of_its_own(
     """One case of a damped arm, beside none of the pipeline's robot."""
     own = "withhold.robots.ur5e"
     halves = [f"withhold.halves.{half}={NONE}" for half in ("tuning", "reported")]
-    stage(
+    run_stage(
         "withhold", "size=tiny", "withhold/robot=[ur5e]", *halves, f"{own}.halves.tuning={NONE}",
         f"{own}.halves.reported={{seed: 3, single: 1, pair: 0, nameless: 0, none: 0}}",
         "withhold.shares.joint_damping.damping=[0.05, 0.06]", f"{own}.motion.length_s=1.0",
@@ -354,10 +343,10 @@ def test_a_class_goes_from_its_file_to_scores_of_its_own(
     assert truth["robot"] == "ur5e"
     assert [effect["name"] for effect in truth["effects"]] == ["joint_damping"]
     assert truth["detectable"]
-    stage(
+    run_stage(
         "diagnose_withheld", "size=tiny", f"diagnose_withheld.logs={folder}/logs", f"diagnose_withheld.out={folder}/out"
     )
-    stage(
+    run_stage(
         "score", f"score.logs={folder}/logs", f"score.truth={folder}/truth", f"score.verdicts={folder}/out",
         f"score.out={folder}/page", f"score.metrics={folder}/metrics.json",
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What the small blind check of ``dvc repro`` covers: each verdict of a diagnosis."""
+"""What the small benchmark of ``dvc repro`` covers: each verdict of a diagnosis."""
 
 import json
 from dataclasses import replace

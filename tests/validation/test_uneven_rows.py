@@ -5,8 +5,6 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 
 from leapgap import effects
 from leapgap.errors import InputError
@@ -17,12 +15,8 @@ from leapgap.validation.case import CaseSetup, WithheldCase, further_jumps, with
 from leapgap.validation.case_draw import Case, FurtherCounts, FurtherKinds, Half, draw_cases
 from leapgap.validation.generator import Generator, Nuisance
 from leapgap.validation.physics import OTHERS, physics_of
-from leapgap.validation.uneven_rows import (
-    FAMILIES,
-    ClockFamily,
-    UnevenRows,
-)
-from stages.common import CONF
+from leapgap.validation.uneven_rows import FAMILIES, ClockFamily, UnevenRows
+from stages.compose import compose_conf
 from tests.conftest import standing
 
 GRAVITY = 9.81
@@ -181,8 +175,7 @@ def test_an_unknown_family_or_physics_is_told() -> None:
 
 @pytest.fixture(scope="module")
 def section() -> dict:
-    with initialize_config_dir(version_base="1.3", config_dir=str(CONF)):
-        return OmegaConf.to_container(compose("config").withhold)  # type: ignore[return-value]
+    return compose_conf()["withhold"]
 
 
 HALVES = {"reported": Half(7, 3, 1, 1, 1, ["wind"])}

@@ -26,7 +26,7 @@ BEFORE, AFTER = "before", "after"
 MODEL_ERROR = 0.08
 """Relative error of a difference because the simulation differs from the robot, in its interval."""
 SHOWN = 8
-"""Number of smallest changes that are told."""
+"""Number of smallest changes that are reported."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def compare_logs(
 
 
 def comparison_of(search: PairedSearch, found: Found, logs: tuple[int, int], varying: tuple[str, ...]) -> Comparison:
-    """What is told of the differences, and what would have been told."""
+    """What is reported of the differences, and what would have been."""
     parts = split_numbers(found.members, found.numbers)
     spreads = split_numbers(found.members, np.sqrt(np.diag(found.covariance)))
     losses = {m: found.evidence - found.evidence_without([m]) for m in differences(found)}

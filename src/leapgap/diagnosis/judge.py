@@ -1,7 +1,7 @@
 """A referee for anybody's correction: which of its changes logs support that it was not fitted on.
 
 Each change of the corrected model to the nominal one is an effect with one number, the share of it that acts: 0 is the
-nominal robot, 1 the correction. The engine's evidence tells the share, while all other changes have shares of their own
+nominal robot, 1 the correction. The engine's evidence gives the share, while all other changes have shares of their own
 and further effects may act that the correction lacks.
 """
 
@@ -30,9 +30,9 @@ SUPPORTED, ANOTHER, UNSUPPORTED, UNTOLD = "supported", "another number", "not su
 MODEL_ERROR = 0.1
 """Standard deviation of a share that no logs make smaller: simulations differ from robots."""
 SURE = 3.0
-"""Standard deviations by which a share is told from 0 and from 1."""
+"""Standard deviations by which a share differs from 0 and from 1."""
 MADE_UP = 2.0
-"""A change makes up for an effect without which it is worth this many times more."""
+"""A change compensates for an effect without which it is worth this many times more."""
 CLOSELY = 3
 """Number of further effects that are replayed in each round."""
 
@@ -81,14 +81,14 @@ class JudgedChange:
     title: str
     says: str
     verdict: str
-    """``supported``, ``another number`` of it, ``not supported`` or ``not told`` by these logs."""
+    """``supported``, ``another number`` of it, ``not supported`` or ``undecided`` by these logs."""
     share: float
     """Share of the change that the logs support, 1 if all of it."""
     share_ci95: tuple[float, float]
     gain: float
     """Evidence of the whole change over none of it, nats, beside the other changes and what else acts."""
     instead: str | None
-    """The effect that takes its place better: what the change makes up for."""
+    """The effect that takes its place better: what the change compensates for."""
 
 
 @dataclass(frozen=True)

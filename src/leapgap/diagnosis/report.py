@@ -76,12 +76,12 @@ class Headline:
     sizes: Mapping[str, float]
     """Channel → size by which its errors are divided, m, rad, m/s, rad/s."""
     horizon_s: float | None
-    """Time after which replays start anew from the log; None: whole logs."""
+    """Time after which replays restart from the log; None: whole logs."""
 
 
 @dataclass(frozen=True)
 class HorizonError:
-    """The headline gap of replays that start anew from the log after a horizon."""
+    """The headline gap of replays that restart from the log after a horizon."""
 
     horizon_s: float | None
     """None: whole logs."""
@@ -106,16 +106,16 @@ class ReportContent:
     answer: tuple[tuple[str, ...], ...]
     closure_of_answer: Interval | None
     closure_shared: Interval | None
-    """Closure of the answer with one value shared by all logs, where its values differ by log."""
+    """Explained share with one value shared by all logs, where the values of a cause differ by log."""
     closure_by_source: ClosureBySource | None
-    """What evidence alone, fits alone and both close, where evidence tells numbers of the answer."""
+    """What evidence alone, fits alone and both explain, where evidence gives numbers of the causes."""
     where: tuple[Place, ...]
     causes: tuple[Cause, ...]
     checks: tuple[CheckResult, ...]
     evidence: tuple[Evidence, ...]
     """What the logs say of the robot's numbers without a simulation."""
     descriptions: tuple[DescriptionFigures, ...]
-    """Other descriptions of the robot, each as it is; the one that closes most first."""
+    """Other descriptions of the robot, each as it is; the one that explains most first."""
     next_experiment: Mapping[str, Any] | None
     not_judged: tuple[str, ...]
     """What could not be judged because columns are missing."""
@@ -127,9 +127,9 @@ class ReportContent:
     of each log; empty without a base."""
     provenance: Provenance
     set_aside: Mapping[str, str] = field(default_factory=dict)
-    """Name → reason of each log that was left out: it could not be used, or departs from its fellows."""
+    """Name → reason of each log that was left out: it could not be used, or departs from the others."""
     outside_forces: tuple[OutsideForce, ...] = ()
-    """Forces and moments from outside, by log and time."""
+    """External forces and moments, by log and time."""
     notes: tuple[str, ...] = ()
     """What is unusual, left out or changed of the robot's file and of the logs, such as gravity that is not Earth's."""
     evidence_numbers: Numbers | None = None
@@ -147,7 +147,7 @@ class ReportContent:
 
     @property
     def closures_by_source(self) -> dict[str, Interval]:
-        """Closures by ``evidence`` alone, ``fits`` alone and ``both``; empty where evidence tells nothing."""
+        """Closures by ``evidence`` alone, ``fits`` alone and ``both``; empty where there is no evidence."""
         return dict(vars(self.closure_by_source)) if self.closure_by_source else {}
 
     def landing_off_cm(self, of: str) -> float | None:

@@ -42,6 +42,10 @@ class SimulationSettings(Effect):
             standard = solref[:, 0] > 0
             solref[standard, 0] *= self.contact_time
 
+    def has(self, name: str) -> bool:
+        """Whether a setting is changed."""
+        return bool(getattr(self, name) != getattr(SimulationSettings(), name))
+
     def changed(self, name: str, by: float) -> "SimulationSettings":
         """The same with one setting times a factor, or with the other cone."""
         changed: dict[str, Any] = {name: not self.other_cone if name == "other_cone" else by * getattr(self, name)}

@@ -178,4 +178,5 @@ def rows_left_out(judged: JudgedLogs) -> list[str]:
     ends = [time[-1] - time[rows - 1] for time, rows in zip(times, judged.rows, strict=True)]
     if max(ends) <= 0:
         return []
-    return [f"the last {min(ends):.2f} to {max(ends):.2f} s of the logs, after touch-down or a change of gains"]
+    span = " to ".join(sorted({f"{one:.2f}" for one in (min(ends), max(ends))}, key=float))
+    return [f"the last {span} s of the logs, after touch-down or a change of gains"]

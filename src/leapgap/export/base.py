@@ -97,7 +97,9 @@ class CorrectedRobot:
         effects, robot = self.posterior.with_numbers(drawn), self.robot
         model = changed_model(self.bare, robot, effects)
         feet = [model.geom(name).id for name in robot.foot_geom_names]
-        bodies = (model.body_mass, model.body_ipos, model.body_inertia, model.body_iquat)
+        # copies: a view would keep the model, and its meshes, for each robot drawn
+        inertias = (model.body_inertia.copy(), model.body_iquat.copy())
+        bodies = (model.body_mass.copy(), model.body_ipos.copy(), *inertias)
         return RobotNumbers(joint_numbers(robot, effects, model), *bodies, model.geom_friction[feet, 0])
 
     @cached_property

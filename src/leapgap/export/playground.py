@@ -25,30 +25,26 @@ def domain_randomize(model, rng, mj_model):
     """The model with a leading axis of robots, and which of its fields have it; `rng` holds a key for each robot."""
     with np.load(SAMPLES) as file:
         table = {name: file[name] for name in file.files}
-    dofs = [int(mj_model.joint(name).dofadr[0]) for name in table["joints"].tolist()]
-    bodies = [0 if i == 0 else mj_model.body(name).id for i, name in enumerate(table["bodies"].tolist())]
+    dofs = np.array([int(mj_model.joint(name).dofadr[0]) for name in table["joints"].tolist()])
+    known = {mj_model.body(i).name: i for i in range(mj_model.nbody)}
+    bodies = {i: known[name] for i, name in enumerate(table["bodies"].tolist()) if name in known or name != f"body_{i}"}
     feet = [mj_model.geom(name).id for name in table["feet"].tolist()]
     drawn = {key: jax.numpy.asarray(table[key]) for key in table if table[key].dtype.kind == "f"}
+    joint_fields = {"dof_damping": "damping", "dof_frictionloss": "friction", "dof_armature": "armature"}
+    body_fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
 
     @jax.vmap
     def one(key):
         row = jax.random.randint(key, (), 0, len(table["damping"]))
-        changed = (
-            model.dof_damping.at[np.array(dofs)].set(drawn["damping"][row]),
-            model.dof_frictionloss.at[np.array(dofs)].set(drawn["friction"][row]),
-            model.dof_armature.at[np.array(dofs)].set(drawn["armature"][row]),
-            model.body_mass.at[np.array(bodies)].set(drawn["body_mass"][row]),
-            model.body_ipos.at[np.array(bodies)].set(drawn["body_ipos"][row]),
-            model.body_inertia.at[np.array(bodies)].set(drawn["body_inertia"][row]),
-            model.body_iquat.at[np.array(bodies)].set(drawn["body_iquat"][row]),
-        )
+        of_joints = [getattr(model, field).at[dofs].set(drawn[of][row]) for field, of in joint_fields.items()]
+        at, columns = np.array(list(bodies.values())), np.array(list(bodies))
+        of_bodies = [getattr(model, field).at[at].set(drawn[field][row][columns]) for field in body_fields]
         friction = model.geom_friction
         if feet:
             friction = friction.at[np.array(feet), 0].set(drawn["foot_friction"][row])
-        return (*changed, friction)
+        return (*of_joints, *of_bodies, friction)
 
-    names = ("dof_damping", "dof_frictionloss", "dof_armature", "body_mass", "body_ipos", "body_inertia", "body_iquat")
-    fields = dict(zip((*names, "geom_friction"), one(rng)))
+    fields = dict(zip((*joint_fields, *body_fields, "geom_friction"), one(rng)))
     in_axes = jax.tree_util.tree_map(lambda _: None, model)
     return model.tree_replace(fields), in_axes.tree_replace(dict.fromkeys(fields, 0))
 '''

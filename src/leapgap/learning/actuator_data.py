@@ -108,6 +108,9 @@ def actuator_logs(logs: Sequence[Log], robot: Robot, step_s: float) -> list[Actu
         expected = "measured torques (tau/<joint>): contacts hide what the joints of a floating robot feel"
         raise InputError(logs[0].name, "no torque", expected, "log them, or hang the robot up")
     found = [ActuatorLog.of(log, robot, step_s, is_measured) for log in logs]
+    if short := [one.log for one in found if not len(one.rows)]:
+        says = f"{len(short[0])} rows of {short[0].info.sample_period_s:g} s"
+        raise InputError(short[0].name, says, f"more than {2 * WINDOW_S:g} s", "leave it out, or log more")
     gains = np.concatenate([np.hstack([one.at.kp, one.at.kd]) for one in found])
     if np.ptp(gains, axis=0).max() > 1e-6 * np.abs(gains).max():
         expected = "the same gains in all logs: a network stands in the place of one joint PD"

@@ -60,6 +60,14 @@ class PolicyMap:
     limit: float = 100.0
     """Actions are cut at ± this."""
 
+    def __post_init__(self) -> None:
+        """Refuse what nothing can be run with."""
+        if not self.observation:
+            raise InputError("map, observation", "no item", "the terms that a policy observes", "state them")
+        if not 0 < self.period_s <= self.seconds < np.inf:
+            found = f"{self.seconds:g} s in periods of {self.period_s:g} s"
+            raise InputError("map, seconds", found, "one period or more, of a length above 0 s", "correct them")
+
 
 @dataclass(frozen=True)
 class Course:

@@ -32,7 +32,7 @@ from leapgap.runtime.output_folder import merged_folder
 from leapgap.simulation.corrected import NOMINAL, write_corrected
 from leapgap.simulation.replay import Replayer
 
-if TYPE_CHECKING:  # a diagnosis is made without its page, so that a change of the page makes none anew
+if TYPE_CHECKING:  # a diagnosis is made without its page, so that a change of the page reruns none
     from leapgap.reports.viewer import EmbeddedViewer
 
 LIGHT, EMBEDDED = "light", "embedded"
@@ -80,7 +80,7 @@ class Report:
     nominal: Mapping[str, Log]
     """Replays by the nominal robot, by the log's name."""
     corrected: Mapping[str, Log]
-    """Replays with the answer as fitted without the log, by the log's name."""
+    """Replays with the identified causes as fitted without the log, by the log's name."""
     record: Callable[["Report", Path], None] | None = field(default=None, compare=False)
     """Writes a recording of the report, where recordings are wanted."""
 
@@ -153,6 +153,10 @@ class Report:
             lines.append(f"not judged: {'; '.join(content.not_judged)}")
         return "\n".join(lines)
 
+    def __repr__(self) -> str:
+        """As it is printed: logs and replays by their values would fill pages of a terminal."""
+        return str(self)
+
     def _repr_html_(self) -> str:
         """What a notebook shows of the report."""
         from leapgap.reports.notebook import summary_html
@@ -176,7 +180,7 @@ class Report:
     def write(self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None, loop: Loop | None = None) -> None:
         """Write ``report.json``, ``report.html``, ``corrected/`` and ``best/`` into a folder.
 
-        ``best/`` is left out where no best simulator was asked for, or where it is the answer. ``viewer`` as of
+        ``best/`` is left out where no best simulator was asked for, or where it equals ``corrected/``. ``viewer`` as of
         ``save``; ``picture`` is a PNG of the robot for the page, ``loop`` one of its motion.
         """
         self.write_data(folder)
@@ -248,7 +252,7 @@ def cause_in_words(cause: Cause) -> str:
         f"{name} {one.value:.3g}{'' if one.unit == '1' else f' {one.unit}'} ({one.ci95[0]:.3g} to {one.ci95[1]:.3g})"
         for name, one in cause.parameters.items()
     )
-    closes = f"explains {100 * cause.closure.value:.0f} %, probability {cause.probability:.2f}"
+    closes = f"explains {100 * cause.closure.value:z.0f} %, probability {cause.probability:.2f}"
     return f"  {cause.effect}{place}: {numbers}, {closes}"
 
 
@@ -258,7 +262,7 @@ class ChosenLogs:
 
     logs: tuple[Log, ...]
     set_aside: Mapping[str, str]
-    """Name → reason of each log that could not be used, or departs from its fellows."""
+    """Name → reason of each log that could not be used, or departs from the others."""
     left_out: tuple[str, ...]
     """A sentence on stretches or logs that are left out since there are more than a diagnosis can use."""
     notes: tuple[str, ...]
@@ -266,9 +270,9 @@ class ChosenLogs:
 
     @staticmethod
     def of(readings: Readings, progress: Callable[[str], None] = lambda _: None) -> "ChosenLogs":
-        """Logs without those that depart from their fellows; of more rows than a diagnosis can use, stretches.
+        """Logs without those that depart from the others; of more rows than a diagnosis can use, stretches.
 
-        A single long log is cut into parts, so that there are others to judge a cause on. ``progress`` is told what is
+        A single long log is cut into parts, so that there are others to judge a cause on. ``progress`` gets what is
         set aside and left out.
         """
         logs, departing = without_departing(readings.logs)

@@ -26,7 +26,7 @@ def cells(cause: Cause) -> list[list[str]]:
             escape(name),
             f"{one.value:.3g}{'' if one.unit == '1' else f' {escape(one.unit)}'}",
             f"{one.interval[0]:.3g} to {one.interval[1]:.3g}",
-            f"{100 * cause.closure.value:.0f} %",
+            f"{100 * cause.closure.value:z.0f} %",
         ]
         for name, one in cause.parameters.items()
     ]

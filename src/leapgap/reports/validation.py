@@ -1,4 +1,4 @@
-"""The blind check as one HTML page: self-contained, without network; it links to the reports beside it."""
+"""The benchmark as one HTML page: self-contained, without network; it links to the reports beside it."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence

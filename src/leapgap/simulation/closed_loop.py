@@ -15,13 +15,7 @@ from leapgap.effects.base import Commands, Effect, Load, overriding
 from leapgap.logs.log import Log
 from leapgap.logs.schema import COMMANDS, PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
-from leapgap.robot.motion import (
-    ANGULAR_VELOCITY_SLICE,
-    POSITION_SLICE,
-    QUATERNION_SLICE,
-    VELOCITY_SLICE,
-    Motion,
-)
+from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, POSITION_SLICE, QUATERNION_SLICE, VELOCITY_SLICE, Motion
 from leapgap.simulation.controller import Command, Controller, StateEstimate
 from leapgap.simulation.disturbance import Disturbance, disturb
 from leapgap.simulation.open_loop import PreparedRun, log_of

@@ -1,1 +1,1 @@
-"""The blind check: cases whose cause is withheld, sealed truths, and the score of verdicts. No diagnosis imports it."""
+"""The benchmark: cases whose cause is withheld, sealed truths, and the score of verdicts. No diagnosis imports it."""

@@ -1,4 +1,4 @@
-"""One case of the blind check: its jump logs, and the truth about what acts in them."""
+"""One case of the benchmark: its jump logs, and the truth about what acts in them."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -116,7 +116,8 @@ def withhold(case: Case, references: Sequence[Log], robot: Robot, setup: CaseSet
     timings = draw_timings(case.clock, rows, robot, np.random.default_rng([case.seed, CLOCK_SEED]))
     generated = generate_jumps(plans, own, generator, setup.noise, setup.course, noise_rng, timings)
     diagnosed = generated[: setup.jumps]
-    own = [(e[0], *clock_of(jump), *e[1:]) for e, jump in zip(own, generated, strict=True)]
+    rows_of = [() if jump.rows is None else (jump.rows,) for jump in generated]
+    own = [(e[0], *rows_of_jump, *e[1:]) for e, rows_of_jump in zip(own, rows_of, strict=True)]
     truth: dict[str, Any] = {
         "salt": salt,
         "half": case.half,
@@ -128,11 +129,6 @@ def withhold(case: Case, references: Sequence[Log], robot: Robot, setup: CaseSet
         **detectability(case, diagnosed, own, generator, robot, setup, floor_rng),
     }
     return WithheldCase(tuple(g.log for g in diagnosed), tuple(g.log for g in generated[setup.jumps :]), truth)
-
-
-def clock_of(jump: GeneratedJump) -> Effects:
-    """How the rows of a jump are not what they claim, as an effect; none where they are."""
-    return () if jump.rows is None else (jump.rows,)
 
 
 def values_of(effect: Effect) -> dict[str, float]:
@@ -150,9 +146,9 @@ def clock_to_json(case: Case, jumps: Sequence[GeneratedJump]) -> list[dict[str, 
 
     ``scale`` is the median over the jumps.
     """
-    lengths = [mean_length(jump.rows) for jump in jumps if jump.rows is not None]
     if case.clock is None:
         return []
+    lengths = [mean_length(jump.rows) for jump in jumps if jump.rows is not None]
     return [{"name": CLOCK, "location": "all", "parameters": {"scale": float(np.median(lengths))}}]
 
 

@@ -1,4 +1,4 @@
-"""The cases of the blind check: kind, effects, sizes and locations, drawn by seed and shuffled."""
+"""The cases of the benchmark: kind, effects, sizes and locations, drawn by seed and shuffled."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -118,9 +118,9 @@ def draw_ordinary_cases(
     cases = []
     for name, half in sorted(halves.items()):
         rng = np.random.default_rng(half.seed)
-        sampler = (
-            EffectSampler(sizes, signed, robot, rng) if own is None else ShareSampler(sizes, signed, robot, rng, own)
-        )
+        sampler = EffectSampler(sizes, signed, robot, rng)
+        if own is not None:
+            sampler = ShareSampler(sizes, signed, robot, rng, own)
         known = [str(n) for n in rng.permutation(sorted(set(effects.known()) & set(sizes) & sampler.existing))]
         drawn: list[tuple[str, tuple[Effect, ...]]] = []
         drawn += [("single", (sampler.sample(known[i % len(known)]),)) for i in range(half.single)]

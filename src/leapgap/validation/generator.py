@@ -1,4 +1,4 @@
-"""The simulation that generates the cases of the blind check.
+"""The simulation that generates the cases of the benchmark.
 
 Its step, integrator and contact differ from those of the diagnosing simulation, and its robots carry small random model
 errors (``Nuisance``). Every jump is stepped on its own, so that an off-table effect may keep a state. The robot stands

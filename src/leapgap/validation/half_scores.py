@@ -1,4 +1,4 @@
-"""Truths of a blind check opened, and the scores of each half, as metrics."""
+"""Truths of a benchmark opened, and the scores of each half, as metrics."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

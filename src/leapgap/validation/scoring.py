@@ -1,4 +1,4 @@
-"""The scores of the blind check: the keys of ``metrics/blind.json``, counted from the outcomes of the cases."""
+"""The scores of the benchmark: the keys of ``metrics/blind.json``, counted from the outcomes of the cases."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -75,15 +75,8 @@ FURTHER_SHARES = {
     "too_high_wrongly_named": ScoreCondition(lambda o: o.kind == "too_high", lambda o: o.wrongly_named, desired=False),
 }
 """The scores that are shares of cases of the further kinds, which the name of the score begins with."""
-CONDITIONS = (
-    SHARES
-    | FURTHER_SHARES
-    | {
-        "parameter_error_median": ScoreCondition(
-            lambda o: o.is_ordinary and o.detectable, lambda o: all(c.value == c.true for c in o.compared)
-        )
-    }
-)
+EXACT = ScoreCondition(lambda o: o.is_ordinary and o.detectable, lambda o: all(c.value == c.true for c in o.compared))
+CONDITIONS = SHARES | FURTHER_SHARES | {"parameter_error_median": EXACT}
 """Conditions of all scores for which single cases can be held responsible."""
 MISSED = (SHARES["named_first"], SHARES["pairs_both_named"])
 """An effect of the table that shows was missed where a case counts against one of these."""
@@ -105,16 +98,10 @@ def share(of: Iterable[bool]) -> float | None:
     return sum(values) / len(values) if values else None
 
 
-def median(of: Iterable[float]) -> float | None:
-    """Median of the values; ``None`` where there are none."""
+def mean(of: Iterable[float], kind: Callable[[list[float]], Any] = np.mean) -> float | None:
+    """Mean of the values, or their median; ``None`` where there are none."""
     values = list(of)
-    return float(np.median(values)) if values else None
-
-
-def mean(of: Iterable[float]) -> float | None:
-    """Mean of the values; ``None`` where there are none."""
-    values = list(of)
-    return float(np.mean(values)) if values else None
+    return float(kind(values)) if values else None
 
 
 def scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng: np.random.Generator) -> Scores:
@@ -189,7 +176,7 @@ def ordinary_scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng:
         "where_overlap": mean_overlap(outcomes, CLEAR_FLOORS),
         "where_overlap_detectable": mean_overlap(outcomes, 0.0),
         "where_top_three": share(o.where_top_three for o in outcomes if o.detectable and o.where_overlap is not None),
-        "parameter_error_median": median(c.error for c in compared),
+        "parameter_error_median": mean((c.error for c in compared), np.median),
         "coverage": share(c.interval_holds_truth for c in compared),
         "brier": with_interval(outcomes, brier, draws, rng),
         "calibration_error": with_interval(outcomes, lambda these: calibration_error(these, bins), draws, rng),
@@ -250,17 +237,13 @@ def with_interval(
     rng: np.random.Generator,
 ) -> dict[str, Any]:
     """A statistic with its 95 % bootstrap interval over cases."""
-    sample = (
-        [
-            value
-            for _ in range(draws)
-            if (value := statistic([outcomes[i] for i in rng.integers(len(outcomes), size=len(outcomes))])) is not None
-        ]
-        if outcomes
-        else []
-    )
+    if not outcomes:
+        return {"value": None, "ci95": [None, None]}
+    chosen = (rng.integers(len(outcomes), size=len(outcomes)) for _ in range(draws))
+    drawn = (statistic([outcomes[i] for i in which]) for which in chosen)
+    sample = [value for value in drawn if value is not None]
     ends = [float(np.percentile(sample, q)) for q in (2.5, 97.5)] if sample else [None, None]
-    return {"value": statistic(outcomes) if outcomes else None, "ci95": ends}
+    return {"value": statistic(outcomes), "ci95": ends}
 
 
 def detection_limits(outcomes: Iterable[CaseOutcome]) -> dict[str, dict[str, Any]]:
@@ -281,10 +264,8 @@ def limit_of(cases: Sequence[tuple[float, bool]]) -> dict[str, Any]:
     """The step of one effect; ``cases`` are (size, found), by size."""
     right = [sum(not f for _, f in cases[:k]) + sum(f for _, f in cases[k:]) for k in range(len(cases) + 1)]
     best = max(range(len(right)), key=lambda k: (right[k], k))
-    limit = None
-    if best == 0:
-        limit = cases[0][0]
-    elif best < len(cases):
+    limit = cases[0][0] if best == 0 else None
+    if 0 < best < len(cases):
         limit = float(np.sqrt(max(cases[best - 1][0], 1e-3) * cases[best][0]))
     return {
         "limit_floors": limit,

@@ -84,10 +84,10 @@ class DrawnCases:
 
     def write(self, logs: Path, truths: Path, executor: Executor) -> None:
         """Generate and write every case, and the seals."""
-        job = partial(write_jumps, self, logs, truths)
-        seals = dict(executor.map(job, numbered("case", self.cases)))
+        jumps = ClassCases(self.robot, self.references, self.setup, self.cases)
+        seals = dict(executor.map(partial(write_simulated, jumps, None, logs, truths), numbered("case", self.cases)))
         for name, own in self.classes.items():
-            of_class = partial(write_class_case, name, own, self_contained(own.robot), logs, truths)
+            of_class = partial(write_simulated, own, (name, self_contained(own.robot)), logs, truths)
             seals |= executor.map(of_class, numbered(name, own.cases))
         seals |= executor.map(partial(write_owners, self.owners_models, logs, truths), numbered("owners", self.owners))
         if self.has_published:
@@ -114,21 +114,18 @@ def numbered(name: str, cases: Sequence[Any]) -> list[tuple[str, Any]]:
     return [(f"{name}_{i:03d}", case) for i, case in enumerate(cases)]
 
 
-def write_jumps(drawn: DrawnCases, logs: Path, truths: Path, named: tuple[str, Case]) -> tuple[str, str]:
-    """Write the logs and the truth of one case; return its name and seal."""
-    name, case = named
-    withheld = withhold(case, drawn.references, drawn.robot, drawn.setup)
-    return write_truth(write_case(withheld, logs / name, truths / name), truths, name)
-
-
-def write_class_case(
-    of_class: str, own: ClassCases, model: str, logs: Path, truths: Path, named: tuple[str, Case]
+def write_simulated(
+    own: ClassCases, of_class: tuple[str, str] | None, logs: Path, truths: Path, named: tuple[str, Case]
 ) -> tuple[str, str]:
-    """Write the logs, the model and the truth of one case of a class; return the case's name and seal."""
+    """Write the logs and the truth of one case, and where its class has one its model; return its name and seal.
+
+    ``of_class``: name and model of a class; None for the pipeline's own robot.
+    """
     name, case = named
     truth = write_case(withhold(case, own.plans, own.robot, own.setup), logs / name, truths / name)
-    write_text(logs / name / OWN_MODEL, model)
-    truth |= {"robot": of_class, "model": {OWN_MODEL: sha256(logs / name / OWN_MODEL)}}
+    if of_class is not None:
+        write_text(logs / name / OWN_MODEL, of_class[1])
+        truth |= {"robot": of_class[0], "model": {OWN_MODEL: sha256(logs / name / OWN_MODEL)}}
     return write_truth(truth, truths, name)
 
 

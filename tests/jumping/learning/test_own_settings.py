@@ -1,7 +1,6 @@
 """A model with settings of its own is one file: found, configured by its section, trained, and in the cache's key."""
 
 import importlib.util
-import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -21,7 +20,7 @@ from leapgap.runtime.atomic_io import read_json
 from stages.common import with_leave_to_add
 from stages.compose import compose_conf
 from stages.sections.train import read_train_config
-from tests.code import ROOT
+from tests.commands import python
 from tests.jumping.learning.test_training import config
 
 FILE = '''
@@ -122,15 +121,7 @@ def train(folder: Path, windows: Windows, out: Path, *overrides: str, dvc: bool 
         f"train.out={out / 'models'}",
         *overrides,
     ]
-    environment = {key: value for key, value in os.environ.items() if not key.startswith("DVC_")}
-    return subprocess.run(
-        [sys.executable, "-c", TRAIN, str(folder), *arguments],
-        cwd=ROOT,
-        env=environment | ({"DVC_STAGE": "train"} if dvc else {}),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return python("-c", TRAIN, folder, *arguments, **({"DVC_STAGE": "train"} if dvc else {}))
 
 
 @pytest.mark.long

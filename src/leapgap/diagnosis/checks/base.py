@@ -42,7 +42,7 @@ class Check(ABC):
     threshold: ClassVar[float]
     """The statistic up to which a check passes, where settings name no other."""
     place: ClassVar[int] = 100
-    """Checks are run, and told, in this order."""
+    """Checks are run, and reported, in this order."""
     needs_robot: ClassVar[bool] = True
     """Whether the logs alone do not suffice."""
     needs_all_rows: ClassVar[bool] = False

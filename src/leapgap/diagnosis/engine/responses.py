@@ -102,7 +102,7 @@ def force_units(intervals: Intervals) -> np.ndarray:
     units = np.zeros(model.nv)
     asked = np.concatenate([asked_torque(own.states, robot) for own in intervals.courses])
     torque = np.sqrt((asked**2).mean(axis=0))
-    units[robot.joint_dofs] = np.maximum(torque, 0.1 * torque.max())
+    units[robot.joint_dofs] = np.maximum(torque, 0.1 * torque.max(initial=0.0))
     if robot.has_free_base:
         weight = robot.total_mass * float(np.linalg.norm(model.opt.gravity))
         size = float(np.sqrt(model.body_inertia[1].max() / model.body_mass[1]))

@@ -43,10 +43,7 @@ LIKELY = 0.5
 """Share of the gain of the best set that another has to have by its columns to be replayed."""
 TRIED = 12
 """Number of effects that are replayed to both sides where columns tell little."""
-CONTACTS = (
-    ("other_cone", 0.0),
-    *((name, by) for name in ("friction_impedance", "slack", "width") for by in (0.3, 3.0)),
-)
+CONTACTS = (("other_cone", 1.0), ("friction_impedance", 0.1))
 """Settings of contacts with the factors by which they are tried."""
 AT_LEAST = 4.0
 """An effect far from nominal does what its column says times one, with this inverse variance."""
@@ -290,29 +287,21 @@ class Search:
         return [best[label] for label in list(dict.fromkeys(h.label for h in few))[:SHORTLIST]]
 
     def otherwise_simulated(self, now: Found, tried: Sequence[Found]) -> Found:
-        """The set by another simulation of contacts, where that gains more than sets that were tried.
+        """The nominal robot by other contacts of the simulation, where these gain more than sets that were tried.
 
-        No robot is as its simulation in how contacts are computed, and what a cone or an impedance changes at the edge
-        of slipping is far from linear.
+        No robot is as its simulation in how contacts are computed. What a friction cone or an impedance changes at the
+        edge of slipping is far from linear, so that everything is linearised anew.
         """
-        if not (now.unexplained and self.bench.robot.feet):
+        if now.members or not (now.unexplained and self.bench.robot.feet):
             return now
         (settings,) = now.simulation or (SimulationSettings(),)
-        trials = [(settings.changed(name, by),) for name, by in CONTACTS]
-        part = self.part(now.point)
-        points = [replace(part, intervals=part.intervals.simulated_by(own)) for own in (now.simulation, *trials)]
-        before, *others = (self.bench.glance(point, now.acting) for point in points)
-        best = int(np.argmax(others))
-        least = max([SOME, *(one.predictive - now.predictive for one in tried)])
-        if others[best] - before <= least * self.bench.some.mean():
+        others = [(settings.changed(name, by),) for name, by in CONTACTS if not settings.has(name)]
+        best = max([now, *(self.judge(self.bench.nominal(0.0, own)) for own in others)], key=lambda one: one.evidence)
+        gains = [one.predictive - now.predictive for one in tried]
+        if best is now or best.unnamed >= now.unnamed or best.evidence - now.evidence <= max([SOME, *gains]):
             return now
-        point = now.point
-        intervals = point.intervals.simulated_by(trials[best])
-        other = self.settle(self.judge(self.bench.linearised(intervals, point.acting, point.basis)))
-        if other.unnamed >= now.unnamed:
-            return now
-        self.progress(f"by other contacts ({CONTACTS[best][0]}): unexplained {now.unnamed:.0f} to {other.unnamed:.0f}")
-        return replace(other, rivals=now.rivals)
+        self.progress(f"contacts by {best.simulation[0].in_words}: unexplained {now.unnamed:.0f} to {best.unnamed:.0f}")
+        return best
 
     def judge(self, point: Point, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> Found:
         """What the logs say of a point's set, and further effects, with the levels that suit it."""

@@ -21,26 +21,26 @@ ANY_JOINT = "*"
 class ColumnMap:
     """How the columns of a table become those of a log.
 
-    ``*`` in a key stands for every joint of the robot, and in the name of their column for what that joint is called
-    there. An entry of one joint stands before one of ``*``. Values are (their values × unit × factor) + offset.
+    ``*`` in a key stands for every joint of the robot, and in the name of a file's column for what that joint is
+    called there. An entry of one joint stands before one of ``*``. Values are (the file's × unit × factor) + offset.
     A joint without a motor that the table lacks, and that the model ties to another, follows that one.
     """
 
     columns: dict[str, Any] = field(default_factory=dict)
-    """Ours → theirs, such as ``joint_pos/*: q_*``, or several of theirs that are summed, each times a factor, such as
+    """Our name → the file's, such as ``joint_pos/*: q_*``, or several that are summed, each times a factor, such as
     ``cmd_tau/*: {tau_sent_*: 1, tau_friction_*: -1}``. A column not named here is taken under our own name."""
     units: dict[str, str] = field(default_factory=dict)
-    """Ours → the unit of theirs by name, such as ``joint_pos/*: deg``, ``joint_vel/*: rpm``, ``time: us``."""
+    """Our name → the unit in the file, such as ``joint_pos/*: deg``, ``joint_vel/*: rpm``, ``time: us``."""
     factors: dict[str, Any] = field(default_factory=dict)
-    """Ours → what theirs is multiplied by, one number or a list with one a joint, such as signs or gear ratios."""
+    """Our name → factor of the file's values, one number or a list with one a joint, such as signs or gear ratios."""
     offsets: dict[str, Any] = field(default_factory=dict)
-    """Ours → what is then added, in our unit; one number or a list with one a joint."""
+    """Our name → what is then added, in our unit; one number or a list with one a joint."""
     constants: dict[str, Any] = field(default_factory=dict)
-    """Ours → one value for all rows, such as ``cmd_kp/*: 300``, or a list with one a joint."""
+    """Our name → one value for all rows, such as ``cmd_kp/*: 300``, or a list with one a joint."""
     joint_names: dict[str, str] = field(default_factory=dict)
-    """Theirs → the robot's names of joints; a joint not named here has the same name there."""
+    """The file's names of joints → the robot's; a joint not named here has the same name there."""
     joint_order: list[str] = field(default_factory=list)
-    """The robot's joints in the order of their columns, where they number them from 0 or from 1; lists follow it."""
+    """The robot's joints in the order of the file's columns, if these are numbered (from 0 or 1); lists follow it."""
 
 
 def mapped(table: Table, options: ColumnMap, robot: Robot, where: str) -> dict[str, np.ndarray]:

@@ -34,7 +34,7 @@ LONGEST_NAME = 100
 
 @dataclass(frozen=True)
 class TableOptions(ColumnMap):
-    """What every table format is told: the map of columns, the clock, and which rows become which log."""
+    """Options of every table format: the map of columns, the clock, and which rows become which log."""
 
     period_s: float | None = None
     """Stated period of the rows. The time stamps are the clock and must agree with it on average within 2 %; where
@@ -44,8 +44,7 @@ class TableOptions(ColumnMap):
     resample_s: float | None = None
     """Period of an even clock that the log is brought to; none: its own instants, even or not."""
     steps: str | None = None
-    """Where there is no time: a column of theirs with the length of each row's step, whose sum it is; its unit is that
-    of ``units.time``."""
+    """Where there is no time: a column with the length of each row's step, which add up to it, in ``units.time``."""
     gains: str = LOGGED
     """``logged``, or ``unknown``: not in the file, or in the drive's own units. The log then has those that are mapped,
     else those of the model's position servos, as a start, and says that they are unknown."""
@@ -58,11 +57,11 @@ class TableOptions(ColumnMap):
     piece_s: float | None = None
     """Logs of this length out of each file, or out of each run of ``cut_by``; a shorter rest is left out."""
     cut_by: str | None = None
-    """A column of theirs that cuts the file: each run of equal values is a log."""
+    """A column that cuts the file: each run of equal values is a log."""
     cut_values: list[Any] = field(default_factory=list)
     """The values of that column that are kept, numbers or texts; none: all."""
     drop_rows: dict[str, list[Any]] = field(default_factory=dict)
-    """A column of theirs → values, numbers or texts, with which a row is left out."""
+    """A column of the file → values, numbers or texts, with which a row is left out."""
     least_rows: int = 10
     """Runs and pieces with fewer rows are left out."""
     most_rows: int | None = None

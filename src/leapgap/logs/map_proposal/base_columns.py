@@ -111,23 +111,16 @@ def judge_gyro(found: dict[str, list[str]], attitude: Attitude | None, evidence:
         )
         return
     unit = nearest(factor, "rad/s") if fits and factor > 0 else None
+    known, says = GUESSED, ": the quaternion turns so"
     if unit is None:
-        why = "the quaternion does not turn as it says, so that nothing decides it" if attitude else "no quaternion"
         size = np.linalg.norm(together(found["base_angvel"], evidence)[1], axis=1)
         unit = "deg/s" if np.quantile(size, 0.9) > FAST else "rad/s"
-        proposal.say(GUESSED, f"the gyro is in {unit}, by its size: {why}")
-        put_unit_of_gyro(unit, proposal)
-        return
-    put_unit_of_gyro(unit, proposal)
-    known = SURE if evidence.time_known == SURE and not (attitude and attitude.inverse) else GUESSED
-    proposal.say(known, f"the gyro is in {unit}: the quaternion turns so")
-
-
-def put_unit_of_gyro(unit: str, proposal: Proposal) -> None:
-    """Put the unit of a gyro into the map."""
-    if unit != "rad/s":
-        for column in BASE_ANGULAR_VELOCITY:
-            proposal.put("units", column, unit)
+        why = "the quaternion does not turn as it says, so that nothing decides it" if attitude else "no quaternion"
+        says = f", by its size: {why}"
+    elif evidence.time_known == SURE and not (attitude and attitude.inverse):
+        known = SURE
+    proposal.put_units(BASE_ANGULAR_VELOCITY, unit, "rad/s")
+    proposal.say(known, f"the gyro is in {unit}{says}")
 
 
 def judge_accelerometer(found: dict[str, list[str]], evidence: Evidence, proposal: Proposal) -> None:
@@ -140,9 +133,7 @@ def judge_accelerometer(found: dict[str, list[str]], evidence: Evidence, proposa
         says = f"it is mostly {length:.3g} long, which is gravity in no unit"
         proposal.say(ABSENT, f"{found.pop('imu_acc')[0]} …: left out as accelerometer, {says}")
         return
-    if unit != "m/s²":
-        for column in COLUMNS["imu_acc"]:
-            proposal.put("units", column, unit)
+    proposal.put_units(COLUMNS["imu_acc"], unit, "m/s²")
     proposal.say(GUESSED, f"the accelerometer is in {unit}: it is mostly as long as gravity")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from leapgap.logs.importers.table_format import UNKNOWN
 from leapgap.logs.map_proposal.joint_units import some_rows
-from leapgap.logs.map_proposal.physics import CLEAR, Gains, correlations, factors, fit_gains
+from leapgap.logs.map_proposal.physics import CLEAR, correlations, factors, fit_gains
 from leapgap.logs.map_proposal.proposal import ABSENT, ASKED, GUESSED, MISSING, SURE, Evidence, Proposal
 from leapgap.robot.model import Robot
 from leapgap.robot.stated_servos import servo_gains
@@ -21,8 +21,8 @@ def judge_torques(evidence: Evidence, proposal: Proposal) -> None:
     """Whether the measured torque is the one sent, or that of a joint PD, whose gains are then estimated."""
     judge_size("tau", evidence, proposal)
     judge_size("cmd_tau", evidence, proposal)
-    measured, have = "tau" in evidence.values, evidence.values.keys()
-    if not measured or evidence.time is None:
+    have = evidence.values.keys()
+    if "tau" not in have or evidence.time is None:
         return
     if "cmd_tau" in have:
         _, sent, torque = some_rows(evidence, "cmd_tau", "tau")
@@ -71,25 +71,12 @@ def judge_size(quantity: str, evidence: Evidence, proposal: Proposal) -> None:
 
 def estimate_gains(evidence: Evidence, proposal: Proposal) -> None:
     """Gains of the joint PD from the measured torque."""
-    quantities = [
-        "tau",
-        "cmd_pos",
-        "joint_pos",
-        "joint_vel",
-        *(q for q in ("cmd_vel", "cmd_tau") if q in evidence.values),
-    ]
-    _, *arrays = some_rows(evidence, *quantities)
-    at = dict(zip(quantities, arrays, strict=True))
-    wanted_rate = at.get("cmd_vel", np.zeros_like(at["joint_vel"]))
-    fits: list[Gains] = [
-        fit_gains(
-            at["tau"][:, i],
-            at["cmd_pos"][:, i] - at["joint_pos"][:, i],
-            wanted_rate[:, i] - at["joint_vel"][:, i],
-            at["cmd_tau"][:, i] if "cmd_tau" in at else None,
-        )
-        for i in range(len(evidence.robot.joints))
-    ]
+    names = ("tau", "cmd_pos", "joint_pos", "joint_vel", "cmd_vel", "cmd_tau")
+    quantities = [name for name in names if name in evidence.values]
+    at = dict(zip(quantities, some_rows(evidence, *quantities)[1:], strict=True))
+    error, rate_error = at["cmd_pos"] - at["joint_pos"], at.get("cmd_vel", 0.0) - at["joint_vel"]
+    sent = at["cmd_tau"].T if "cmd_tau" in at else [None] * len(evidence.robot.joints)
+    fits = [fit_gains(*of_joint) for of_joint in zip(at["tau"].T, error.T, rate_error.T, sent, strict=True)]
     driven = evidence.robot.driven
     good = [one.explained > CLEAR and one.kp > 0 for one in fits] | ~driven
     if not all(good):
@@ -116,14 +103,9 @@ def fill_commands(evidence: Evidence, proposal: Proposal) -> None:
         proposal.say(MISSING, "commands: no column looks like torques or set points that were sent")
         return
     if evidence.torque_alone:
-        entries = proposal.options["columns"]
-        for key in [key for key in entries if key.startswith(("cmd_pos/", "cmd_vel/"))]:
-            del entries[key]  # references of a controller outside, which no motor follows
-        for part in ("units", "factors"):
-            for key in [key for key in proposal.options.get(part, {}) if key.startswith(("cmd_pos/", "cmd_vel/"))]:
-                del proposal.options[part][key]
+        for quantity in ("cmd_pos", "cmd_vel"):  # references of a controller outside, which no motor follows
+            proposal.drop(quantity)
         have -= {"cmd_pos", "cmd_vel"}
-        proposal.notes = [one for one in proposal.notes if not one[1].startswith(("cmd_pos is", "cmd_vel is"))]
         why = "the torque that was sent is the measured one: no joint PD acts"
         zero(("cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd"), have | stated, proposal, why)
         return

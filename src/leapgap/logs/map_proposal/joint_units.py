@@ -350,71 +350,55 @@ def their_column(quantity: str, joint: str, proposal: Proposal) -> str:
 
 
 def judge_set_points(reading: UnitReading | None, evidence: Evidence, proposal: Proposal) -> None:
-    """Order, sign and unit of set points: a robot follows them, later."""
+    """Order, sign and unit of set points: a robot follows them, later. Rates that nothing tells the unit of go."""
+    if evidence.time is None or evidence.position_unit == ASKED:
+        return
     for quantity, measured in (("cmd_pos", "joint_pos"), ("cmd_vel", "joint_vel")):
-        if quantity not in evidence.values or evidence.time is None or evidence.position_unit == ASKED:
-            continue
-        unit = reading.position if reading and quantity == "cmd_pos" else None
-        if measured not in evidence.values:
-            if quantity == "cmd_vel":
-                leave_out_rates(evidence, proposal)
-            continue
-        if reading is not None:
-            judge_set_point(quantity, measured, unit, reading, evidence, proposal)
+        if quantity in evidence.values and measured in evidence.values and reading is not None:
+            judge_set_point(quantity, measured, reading, evidence, proposal)
+        elif quantity == "cmd_vel" and quantity in evidence.values and measured not in evidence.values:
+            proposal.drop("cmd_vel")
+            del evidence.values["cmd_vel"]
+            says = "set points of velocities: left out, their unit is unknown without measured velocities"
+            proposal.say(ABSENT, says)
 
 
-def leave_out_rates(evidence: Evidence, proposal: Proposal) -> None:
-    """Set points of velocities whose unit nothing tells are left out."""
-    proposal.drop("cmd_vel")
-    del evidence.values["cmd_vel"]
-    proposal.say(ABSENT, "set points of velocities: left out, their unit is unknown without measured velocities")
-
-
-def judge_set_point(
-    quantity: str,
-    measured: str,
-    unit: Scale | None,
-    reading: UnitReading | None,
-    evidence: Evidence,
-    proposal: Proposal,
-) -> None:
+def judge_set_point(quantity: str, measured: str, reading: UnitReading, evidence: Evidence, proposal: Proposal) -> None:
     """Order, sign and unit of one kind of set points."""
-    _, actual, wanted = (clock, *_) = some_rows(evidence, measured, quantity)
+    clock, actual, wanted = some_rows(evidence, measured, quantity)
+    if len(clock) < 2:
+        says = f"the unit of {quantity}: no two rows of increasing time have it beside what is measured"
+        leave_open(quantity, says, evidence, proposal)
+        return
     found = match(actual, wanted, -rows_in(clock, LATE_ROBOT_S), {measured, quantity} <= evidence.named)
     if found.moved:
         reorder(quantity, found.of, evidence, proposal, "the measured ones follow it so")
     mirror(quantity, found, evidence, proposal, "the measured ones")
     _, actual, wanted = some_rows(evidence, measured, quantity)
-    offset = unit.offset * signs_of(quantity, proposal) if unit else 0.0
-    in_unit = wanted * (unit.factor if unit else measured_factor(reading)) + offset
-    clear = found.clear
-    name = unit.name if unit else (reading.velocity if reading and reading.velocity else "rad/s")
-    if clear.any():
-        size = float(np.median(np.std(actual[:, clear], axis=0) / np.std(in_unit[:, clear], axis=0)))
-    else:
-        size = 1.0
+    of_rates, clear = quantity == "cmd_vel", found.clear
+    dimension, unit = ("rad/s", None) if of_rates else ("rad", reading.position)
+    name = unit.name if unit else reading.velocity or dimension
+    in_unit = wanted * UNITS[dimension][name] if unit is None else wanted * unit.factor
+    in_unit = in_unit + (unit.offset * signs_of(quantity, proposal) if unit else 0.0)
+    size = spread_ratio(actual, in_unit, clear) if clear.any() else 1.0
     if abs(np.log(size)) < np.log1p(NEAR):  # the unit of the measured ones, which nothing is nearer to
-        known = evidence.no_surer(evidence.time_known if quantity == "cmd_vel" else SURE)
+        known = evidence.no_surer(evidence.time_known if of_rates else SURE)
     else:
-        known = GUESSED
-        dimension = "rad" if quantity == "cmd_pos" else "rad/s"
-        other = nearest(
-            float(np.median(np.std(actual[:, clear], axis=0) / np.std(wanted[:, clear], axis=0))), dimension
-        )
+        known, other = GUESSED, nearest(spread_ratio(actual, wanted, clear), dimension)
         if other is None:
             ask_for_scale(quantity, size, evidence, proposal)
             return
         name, unit = other, None
         in_unit = wanted * UNITS[dimension][other]
-    if quantity == "cmd_pos" and clear.any() and from_another_zero(actual[:, clear], in_unit[:, clear]):
+    if not of_rates and clear.any() and from_another_zero(actual[:, clear], in_unit[:, clear]):
         ask_for_scale(quantity, size, evidence, proposal)
         return
     if unit is not None:
         scale(quantity, unit, evidence, proposal)
     else:
         put_unit(quantity, name, evidence, proposal)
-        factor = UNITS["rad" if quantity == "cmd_pos" else "rad/s"][name]
-        evidence.values[quantity] = evidence.values[quantity] * np.where(evidence.robot.turning, factor, 1.0)
+        turning = np.where(evidence.robot.turning, UNITS[dimension][name], 1.0)
+        evidence.values[quantity] = evidence.values[quantity] * turning
     if not clear.all():
         which = "no joint follows" if not clear.any() else f"all joints but {names_of(~clear, evidence)} follow"
         proposal.say(GUESSED, f"{quantity} is in {name}, as what is measured: {which} it closely enough to be sure")
@@ -426,9 +410,9 @@ def judge_set_point(
         proposal.say(known, f"{quantity} is in {name}: what is measured follows it")
 
 
-def measured_factor(reading: UnitReading | None) -> float:
-    """What measured velocities are multiplied by to be in rad/s."""
-    return UNITS["rad/s"][reading.velocity] if reading and reading.velocity else 1.0
+def spread_ratio(actual: np.ndarray, wanted: np.ndarray, clear: np.ndarray) -> float:
+    """How many times as far joints move as they are told, the median of those that clearly follow."""
+    return float(np.median(np.std(actual[:, clear], axis=0) / np.std(wanted[:, clear], axis=0)))
 
 
 def from_another_zero(actual: np.ndarray, wanted: np.ndarray) -> bool:
@@ -439,11 +423,16 @@ def from_another_zero(actual: np.ndarray, wanted: np.ndarray) -> bool:
 
 def ask_for_scale(quantity: str, size: float, evidence: Evidence, proposal: Proposal) -> None:
     """Leave open what set points are that are followed, but in no unit or from another zero."""
-    proposal.put("units", f"{quantity}/*", ASKED)
-    proposal.say(
-        MISSING,
+    says = (
         f"the scale of {quantity}: the joints follow it, {size:.3g} times as far or from another zero, as those of a "
-        f"policy's actions do; state factors and offsets of {quantity}/*, and its unit",
+        f"policy's actions do; state factors and offsets of {quantity}/*, and its unit"
     )
+    leave_open(quantity, says, evidence, proposal)
+
+
+def leave_open(quantity: str, says: str, evidence: Evidence, proposal: Proposal) -> None:
+    """Ask for the unit of a quantity, which the map has without one."""
+    proposal.put("units", f"{quantity}/*", ASKED)
+    proposal.say(MISSING, says)
     evidence.values.pop(quantity)
     evidence.unplaced.add(quantity)

@@ -1,6 +1,6 @@
 """A column map in the making: what is sure, what is guessed and what is missing, and the table as read so far."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,6 +31,11 @@ class Proposal:
     def put(self, part: str, ours: str, value: Any) -> None:
         """Add an entry to a part of the options."""
         self.options.setdefault(part, {})[ours] = value
+
+    def put_units(self, columns: Iterable[str], unit: str, ours: str) -> None:
+        """Add the unit of some columns, unless it is ours."""
+        for column in columns if unit != ours else ():
+            self.put("units", column, unit)
 
     def drop(self, quantity: str) -> None:
         """Take a quantity out of the map, with what was said of its columns."""

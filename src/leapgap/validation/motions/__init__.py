@@ -1,4 +1,4 @@
-"""Motions that robots of the blind check make beside the jumps: a file a kind, found by its class."""
+"""Motions that robots of the benchmark make beside the jumps: a file a kind, found by its class."""
 
 import sys
 from functools import cache

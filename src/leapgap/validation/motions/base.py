@@ -1,4 +1,4 @@
-"""A motion of the blind check: plans of commands, drawn by seed, from the pose of the model's first keyframe."""
+"""A motion of the benchmark: plans of commands, drawn by seed, from the pose of the model's first keyframe."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
