@@ -101,7 +101,7 @@ def test_the_command_says_it_and_writes_it(tmp_path: Path, capsys: pytest.Captur
     file = tmp_path / "judged.json"
     arguments = ["judge", str(half.path), str(logs), "--nominal", str(nominal.path), "--json", str(file), "--quiet"]
     assert main(arguments) == 0
-    assert "damping of elbow  0.05 → 0.25: another number; the logs want 1.9" in capsys.readouterr().out
+    assert "damping of elbow  0.05 → 0.25: another number; the logs support 1.9" in capsys.readouterr().out
     (change,) = json.loads(file.read_text())["changes"]
     assert change["share"] == pytest.approx(2, rel=0.05)
 

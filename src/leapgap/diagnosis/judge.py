@@ -116,7 +116,7 @@ class Judgement:
         lines = [*self.notes, f"judged on {len(self.logs)} logs:"]
         for one in self.changes:
             low, high = one.share_ci95
-            wanted = f"the logs want {one.share:.2f} (95 %: {low:.2f} to {high:.2f}) of it"
+            wanted = f"the logs support {one.share:.2f} (95 %: {low:.2f} to {high:.2f}) of it"
             told = f"{one.verdict}; {wanted}, evidence {one.gain:+.0f} nats"
             lines.append(f"  {one.title:<{width}}  {one.says}: {told}")
             if one.instead:
