@@ -249,7 +249,7 @@ def test_what_is_unusual_of_a_robot_or_a_log_stands_in_the_report(
     assert main(call) == 0
     notes = [
         "arm: gravity is (9.81, 0, 0) m/s², not 9.81 m/s² downwards",
-        "swing_1: about 20 rows lost in 1 places, the first after row 399",
+        "swing_1: about 20 samples lost in 1 places, the first after row 399",
     ]
     assert json.loads((out / "report.json").read_text())["notes"] == notes
     page, said = (out / "report.html").read_text(), capsys.readouterr()

@@ -69,7 +69,7 @@ def test_gaps_in_time_are_told_and_used(tmp_path: Path) -> None:
     kept = {name: values[rows] for name, values in whole.items()}
     for number in range(2):
         stored(tmp_path, number, {"sample_period_s": float(kept["time"][-1] / (len(rows) - 1))}, **kept)
-    assert read_folder(tmp_path).lines()[0] == "log_0: about 30 rows lost in 1 places, the first after row 49"
+    assert read_folder(tmp_path).lines()[0] == "log_0: about 30 samples lost in 1 places, the first after row 49"
 
 
 def test_a_changed_bit_is_seen_by_the_checksums_that_we_write(tmp_path: Path) -> None:

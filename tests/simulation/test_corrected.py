@@ -252,7 +252,7 @@ class Rewired(Effect):
 
 def test_an_own_effect_on_our_actuators_is_left_out_with_a_line(tmp_path: Path) -> None:
     write_corrected(tmp_path, Robot.load(), (Rewired(bias=0.5),))
-    assert "`rewired` at all: bias 0.5 N·m" in (tmp_path / "README.md").read_text().split("## Not in")[1]
+    assert "`rewired`: bias 0.5 N·m" in (tmp_path / "README.md").read_text().split("## Not in")[1]
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml")).actuator_biasprm[:, 0].tolist() == [0] * 12
 
 

@@ -312,7 +312,7 @@ def remarks(columns: Columns) -> list[str]:
     gaps = np.flatnonzero(steps > 5 * usual) if usual > 0 else np.zeros(0, dtype=int)
     if len(gaps):
         lost = round(float((steps[gaps] / usual - 1).sum()))
-        found.append(f"about {lost} rows lost in {len(gaps)} places, the first after row {gaps[0]}")
+        found.append(f"about {lost} samples lost in {len(gaps)} places, the first after row {gaps[0]}")
     moving = [values for name, values in columns.items() if name.startswith(("joint_pos/", "base_pos_"))]
     if moving and len(time) > 10:
         same = np.logical_and.reduce([np.diff(values) == 0 for values in moving])

@@ -79,8 +79,13 @@ def placed_in_words(found: Mapping[str, Any], missing: Sequence[str] = ()) -> li
             where, why = f"in {EFFECTS} only", ""
         if NOMINAL in missing and MODEL in missing:
             where = "in no model"
-        lines.append(f"{effect['name']} at {effect['location']}: {where}{f' ({why})' if why else ''}")
+        lines.append(f"{effect['name']}{at_place(effect)}: {where}{f' ({why})' if why else ''}")
     return lines
+
+
+def at_place(effect: Mapping[str, Any]) -> str:
+    """`` at elbow``; empty for an effect at all places."""
+    return "" if effect["location"] == "all" else f" at {effect['location']}"
 
 
 def entry_in_words(effect: Mapping[str, Any]) -> str:
@@ -90,7 +95,7 @@ def entry_in_words(effect: Mapping[str, Any]) -> str:
         for name, one in effect["parameters"].items()
     )
     what = effect["what"]
-    return f"- `{effect['name']}` at {effect['location']}: {numbers}. {what[:1].upper()}{what[1:]}."
+    return f"- `{effect['name']}`{at_place(effect)}: {numbers}. {what[:1].upper()}{what[1:]}."
 
 
 def motor_words(found: Mapping[str, Any]) -> list[str]:
@@ -106,6 +111,6 @@ def motor_words(found: Mapping[str, Any]) -> list[str]:
     return [
         "",
         f"The actuators of {', '.join(electric)} are MuJoCo's DC motors (`dcmotor`, MuJoCo 4.0 or later). Other",
-        "simulators have no voltage and lag of theirs, nor has leapgap where `robot.xml` itself is its robot.",
+        "simulators have no such voltage and lag, nor has leapgap where `robot.xml` itself is its robot.",
         *(["Their temperature is the rise of their resistance, as a share of it, and begins at 0."] if warm else []),
     ]

@@ -332,7 +332,9 @@ def finished_log(
             f"{len(columns['time'])} rows of {1e3 * info.sample_period_s:.4g} ms, {columns['time'][-1]:.4g} s in all"
         )
         do = "state the unit of the time (units: {time: ms}, or us, ns), or period_s of the rows"
-        raise InputError(f"{path}, {name}", found, f"rows of a loop, {1e3 * LONGEST_PERIOD_S:g} ms at most", do)
+        raise InputError(
+            f"{path}, {name}", found, f"samples of a control loop, {1e3 * LONGEST_PERIOD_S:g} ms at most", do
+        )
     log = Log(name, columns, info)
     if options.period_s is not None:
         check_period(f"{path}, {name}", log.time, options.period_s)
