@@ -299,7 +299,7 @@ def test_a_model_that_mujoco_cannot_save_is_said_to_be_missing(
     assert not written.replayable
     text = (tmp_path / "corrected" / "README.md").read_text()
     assert "changes when it saves it" in text
-    assert "`joint_damping` at all" in text.split("## Not in")[1]
+    assert "`joint_damping`: damping 0.7" in text.split("## Not in")[1]
     assert "leapgap replay" not in text
     assert "from_xml_path" not in text
     assert not (tmp_path / "corrected" / "robot.xml").exists()
