@@ -38,7 +38,7 @@ def python(
 
 
 def stage(name: str, *arguments: object, cwd: Path = ROOT, **more: str) -> subprocess.CompletedProcess[str]:
-    """Run a stage."""
+    """What came of a stage that ran in a process of its own, without the settings of this one."""
     return python("-m", f"stages.{name}", *arguments, cwd=cwd, **more)
 
 

@@ -332,11 +332,15 @@ class Bench:
             ladder = everywhere.ladder
             sets = [[(*own, everywhere.on(log, numbers)) for own, log in of_logs] for numbers in ladder]
             apart = of_kind.kind.along_joints and not self.robot.feet
-            at = places(of_kind.kind, self.robot) if apart else {"all": ()}
+            at = places(of_kind.kind, self.robot)
             found: list[tuple[Hypothesis, np.ndarray]] = []
             columns: list[list[np.ndarray]] = []
             changes = rough.changes(sets, near.basis.linearisation.transitions)
             for numbers, change in zip(ladder, changes, strict=True):
+                if not apart:
+                    found.append((everywhere, numbers))
+                    columns.append(change)
+                    continue
                 parts = [shared(own, of[:, :, self.robot.joint_dofs]) for own, of in zip(change, forces, strict=True)]
                 for place, joints in at.items():
                     which = [self.robot.joints.index(joint) for joint in joints]

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
-from leapgap.diagnosis.engine.intervals import Intervals
+from leapgap.diagnosis.engine.intervals import Course, Intervals
 from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.short_rollouts import ROUGH
 from leapgap.effects.base import Commands, Effect, ForceContext, overrides
@@ -259,7 +259,7 @@ def force_context(intervals: Intervals) -> ForceContext:
     courses = intervals.courses
     begin = joined([own.reference[own.begins] for own in courses])
     change = tangent_difference(joined(intervals.predicted), begin, intervals.robot)
-    rows = [own.rows[own.begins][:, None] + np.arange(own.every) for own in courses]
+    rows = [(own, own.rows[own.begins][:, None] + np.arange(own.every)) for own in courses]
     return context_of(intervals, displaced(begin, 0.5 * change, intervals.robot), change, rows)
 
 
@@ -278,27 +278,20 @@ def row_contexts(intervals: Intervals) -> list[tuple[ForceContext, int]]:
             each = np.repeat(np.arange(count), own.every)
             motion = displaced(begin[each], share * change[each], intervals.robot)
             rows = (own.rows[own.begins[at]][:, None] + np.arange(own.every)).reshape(-1, 1)
-            by_log = [rows if own is other else rows[:0] for other in intervals.courses]
-            found.append((context_of(intervals, motion, change[each], by_log, own.every), own.every))
+            found.append((context_of(intervals, motion, change[each], [(own, rows)], own.every), own.every))
     return found
 
 
 def context_of(
-    intervals: Intervals, motion: Motion, change: np.ndarray, rows: Sequence[np.ndarray], parts: int = 1
+    intervals: Intervals, motion: Motion, change: np.ndarray, rows: Sequence[tuple[Course, np.ndarray]], parts: int = 1
 ) -> ForceContext:
-    """A motion with the means of what is commanded in the ``rows`` (steps, some) of each log.
+    """A motion with the means of what is commanded in ``rows`` (steps, some) of some logs.
 
     ``change`` (steps, 2 nv) is what each interval adds to the state; it has so many ``parts``.
     """
-    robot, courses, length = intervals.robot, intervals.courses, intervals.interval_s
+    robot, length = intervals.robot, intervals.interval_s
     tau, position, velocity, kp, kd = (
-        np.concatenate(
-            [
-                joint_commands(own.states.log, robot, name)[of].mean(axis=1)
-                for own, of in zip(courses, rows, strict=True)
-                if len(of)
-            ]
-        )
+        np.concatenate([joint_commands(own.states.log, robot, name)[of].mean(axis=1) for own, of in rows])
         for name in ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
     )
     acceleration, commands = change[:, robot.model.nv :] / length, Commands(tau, position, velocity)
