@@ -184,7 +184,7 @@ class Search:
             newest = best.members[-1]
             others = [(newest.label, one.members[-1], best.worth - one.worth) for one in tried if one is not best]
             rivals = (*now.rivals, *(own for own in others if own[1].name != newest.name))
-            if now.unexplained or best.unexplained:
+            if best.unexplained:
                 best = self.linearised_about(best)
             other = self.exchanged(best)
             best = self.linearised_about(other) if other is not best and best.unexplained else other
@@ -296,6 +296,9 @@ class Search:
             return now
         (settings,) = now.simulation or (SimulationSettings(),)
         others = [(settings.changed(name, by),) for name, by in CONTACTS if not settings.has(name)]
+        softer = [replace(now.point, intervals=now.point.intervals.simulated_by(own)) for own in others[-1:]]
+        if all(self.bench.glance(one, ()) - now.evidence <= LEAST_GAIN for one in softer):
+            return now
         best = max([now, *(self.judge(self.bench.nominal(0.0, own)) for own in others)], key=lambda one: one.evidence)
         gains = [one.predictive - now.predictive for one in tried]
         if best is now or best.unnamed >= now.unnamed or best.evidence - now.evidence <= max([SOME, *gains]):
