@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import mujoco
 import numpy as np
 
 from leapgap import effects
@@ -19,6 +20,7 @@ from leapgap.effects.base import Effect, overrides
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import joint_commands
 
 INTERVAL_S = 0.01
 """Length of an interval; one row, where that is longer."""
@@ -217,6 +219,14 @@ class Bench:
         return np.isin(np.arange(count), np.linspace(0, count - 1, kept).round())
 
     @cached_property
+    def otherwise(self) -> tuple[SimulationSettings, ...]:
+        """Settings of the simulation that may be others: no log tells how a controller computes its joint PD."""
+        contacts = OTHER_CONTACTS if self.robot.feet else ()
+        gains = [joint_commands(own.log, self.robot, "cmd_kd").max(axis=0) for own in self.states]
+        other = otherwise_integrated(self.robot, np.max(gains, axis=0), self.replayer.largest_step_s)
+        return contacts if other is None else (*contacts, other)
+
+    @cached_property
     def kinds(self) -> dict[str, Hypothesis]:
         """A hypothesis of every effect that has columns: those that are looked for, and those with a tolerance."""
         known = effects.known()
@@ -276,7 +286,7 @@ class Bench:
                     found[i] = float(size)
         quarter, present = QUARTER * self.states[0].log.info.sample_period_s, {key.effect for key in columns.keys}
         step = 0.0 if any(overrides(h.kind, "change_step") for h in self.hypotheses) else 1.0
-        others = [step] + [1.0] * (len(OTHER_CONTACTS) if self.robot.feet else 0)
+        others = [step] + [1.0] * len(self.otherwise)
         further = [quarter for name in LATE if name in present] + others
         found |= {len(columns.keys) + k: size for k, size in enumerate(further) if size > 0}
         return np.array([*found]), np.array([*found.values()])
@@ -290,15 +300,14 @@ class Bench:
         ]
 
     def other_simulations(self, intervals: Intervals, transitions: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """What finer steps of the simulation, and other contacts, change: nuisances, (intervals, 2 nv, some) a log."""
+        """What finer steps and other settings of the simulation change: nuisances, (intervals, 2 nv, some) a log."""
         none = [np.zeros_like(own.close) for own in intervals.courses]
         pairs = zip(intervals.by_short_steps.with_close(none).predicted, intervals.predicted, strict=True)
         found = [[tangent_difference(a, b, self.robot)] for a, b in pairs]
-        if self.robot.feet:
-            sets = [[(*own, other) for own in intervals.acting] for other in OTHER_CONTACTS]
-            for change in intervals.changes(sets, transitions):
-                for own, of_log in zip(found, change, strict=True):
-                    own.append(of_log)
+        sets = [[(*own, other) for own in intervals.acting] for other in self.otherwise]
+        for change in intervals.changes(sets, transitions) if sets else []:
+            for own, of_log in zip(found, change, strict=True):
+                own.append(of_log)
         return [np.stack(own, axis=2) for own in found]
 
     def errors(self, intervals: Intervals, basis: Basis) -> list[np.ndarray]:
@@ -392,6 +401,18 @@ def on_logs(intervals: Intervals, acting: Acting) -> list[Effects]:
         (*intervals.simulation, *(one for h, numbers in acting for one in h.on(log, numbers).on_model_ground()))
         for log in logs
     ]
+
+
+def otherwise_integrated(robot: Robot, kd: np.ndarray, step_s: float) -> SimulationSettings | None:
+    """The integrator by which a joint PD is computed once a step if the model's is implicit, and the other way round.
+
+    None where the damping ``kd`` (joints,) is none, or such a step would take more than a joint's speed from it.
+    """
+    euler = int(mujoco.mjtIntegrator.mjINT_EULER)
+    if robot.model.opt.integrator == euler:
+        return SimulationSettings(integrator=int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)) if kd.any() else None
+    is_stable = (kd * step_s < robot.model.dof_M0[robot.joint_dofs]).all()
+    return SimulationSettings(integrator=euler) if kd.any() and is_stable else None
 
 
 def in_drive(kind: type[Effect]) -> bool:
