@@ -37,7 +37,7 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
         values,
         [phases[p].replace("_", " ") for p in shown],
         order,
-        [[f"{v:.1f}" if v >= 0.05 else "" for v in row] for row in values],
+        [[f"{v:.1f}" if v >= 0.05 else "0" for v in row] for row in values],
         "%{y}, %{x}: %{z:.1f} % of the gap, at most from %{customdata[0]:.1f} to %{customdata[1]:.1f}",
         **{"colorscale": "OrRd", "zmin": 0, "customdata": intervals, "colorbar": {"title": "%"}},
     )
@@ -86,11 +86,11 @@ def similarities(alike: Similarity) -> go.Figure:
 
 
 def closures(report: ReportContent) -> go.Figure:
-    """Share of the gap that each hypothesis closes on held-out logs, with 95 % intervals.
+    """Share of the gap that each hypothesis closes on held-out logs, with 95 % intervals, in the order of the report.
 
     Blue are the selected effects, each at the place that was selected. They are the first causes of the report.
     """
-    causes = sorted(report.causes, key=lambda cause: cause.closure.value)
+    causes = report.causes[::-1]
     selected = {(cause.effect, cause.location) for cause in report.causes[: len(report.answer)]}
     value = 100 * np.array([cause.closure.value for cause in causes])
     figure = go.Figure(

@@ -88,6 +88,7 @@ def html(
         loudest=loudest(report.where)[:6],
         words=channel_words,
         sentence=sentence_words(report.sentence),
+        next_sentence=next_words(report),
         effect_words=effect_words,
         parameter_words=parameter_words,
         title=channel_title,
@@ -107,6 +108,17 @@ def html(
         segments=[segment.name for segment in logs[0].info.segments],
         judged_until=max(log.time[-1] for log in logs),
     )
+
+
+def next_words(report: ReportContent) -> str:
+    """The sentence on the next experiment without names of code; empty where none is proposed."""
+    if report.next_experiment is None:
+        return ""
+    sentence = sentence_words(report.next_experiment["sentence"])
+    for one in report.next_experiment["expected"]:
+        if channel := one.get("channel"):
+            sentence = sentence.replace(channel, channel_words(channel))
+    return sentence
 
 
 def number(value: float) -> str:
