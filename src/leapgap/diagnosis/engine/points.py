@@ -69,6 +69,8 @@ Acting = tuple[tuple[Hypothesis, np.ndarray], ...]
 class Basis:
     """What is linearised about one robot."""
 
+    about: Acting
+    """Its effects."""
     hypotheses: Sequence[Hypothesis]
     """Effects that are looked for."""
     linearisation: Linearisation
@@ -249,6 +251,7 @@ class Bench:
         stacked = self.chunks.stack([np.concatenate(of_log, axis=2) for of_log in parts])
         per_block = max(LEAST_IN_BLOCK, round(BLOCK_S / self.intervals.interval_s))
         basis = Basis(
+            acting,
             self.hypotheses,
             linearisation,
             filters,
