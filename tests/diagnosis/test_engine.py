@@ -163,7 +163,9 @@ def test_a_joint_pd_may_be_computed_once_a_step_or_implicitly(arm: tuple[Robot, 
     robot, intervals = arm
     states = [own.states for own in intervals.courses]
     bench = Bench(list_hypotheses([effects.known()["joint_damping"]], robot, None), {}, states, intervals.replayer)
-    found = bench.other_simulations(intervals, [np.zeros((own.intervals, 4, 4)) for own in intervals.courses])
+    none = [np.zeros((own.intervals, 4)) for own in intervals.courses]
+    intervals, linearisation = linearise(intervals, Chunks.of(intervals), none)
+    found = bench.other_simulations(intervals, linearisation)
     implicit = mujoco.MjModel.from_xml_string(plain_arm.arm())
     explicit = mujoco.MjModel.from_xml_string(plain_arm.arm())
     implicit.dof_damping[:] += plain_arm.KD
