@@ -91,8 +91,9 @@ def closures(report: ReportContent) -> go.Figure:
     Blue are the selected effects, each at the place that was selected. They are the first causes of the report.
     """
     causes = report.causes[::-1]
+    closed = [cause.closure.capped_at_one for cause in causes]
     selected = {(cause.effect, cause.location) for cause in report.causes[: len(report.answer)]}
-    value = 100 * np.array([cause.closure.value for cause in causes])
+    value = 100 * np.array([one.value for one in closed])
     figure = go.Figure(
         go.Bar(
             x=value,
@@ -104,8 +105,8 @@ def closures(report: ReportContent) -> go.Figure:
                 "symmetric": False,
                 "color": "#4b5563",
                 "thickness": 1.4,
-                "array": 100 * np.array([c.closure.high for c in causes]) - value,
-                "arrayminus": value - 100 * np.array([c.closure.low for c in causes]),
+                "array": 100 * np.array([one.high for one in closed]) - value,
+                "arrayminus": value - 100 * np.array([one.low for one in closed]),
             },
             hovertemplate="%{y}: %{x:.0f} %<extra></extra>",
         )

@@ -89,6 +89,7 @@ def html(
         words=channel_words,
         sentence=sentence_words(report.sentence),
         next_sentence=next_words(report),
+        sentence_words=sentence_words,
         effect_words=effect_words,
         parameter_words=parameter_words,
         title=channel_title,
@@ -193,7 +194,7 @@ def tiles(
         if max(off) >= LEAST_CM:
             found.append(Tile(f"{off[0]:.1f}", f"{off[1]:.1f}" if answered else "", "cm", says))
     gap = brief(report.gap_corrected) if answered else ""
-    says = f"gap: error over channel size, rms of all channels (sensor noise alone: {brief(report.noise_floor)})"
+    says = f"gap: error over channel size, rms of all channels (sensor noise alone: about {brief(report.noise_floor)})"
     found.append(Tile(brief(report.gap_nominal), gap, "", says))
     seconds = sum(float(log.time[-1]) for log in logs)
     found.append(Tile(str(len(logs)), "", "logs", f"{seconds:.3g} s of motion"))
