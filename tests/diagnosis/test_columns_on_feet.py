@@ -1,6 +1,7 @@
 """What effects do to a robot whose feet stand on the ground, beside plain MuJoCo with that effect alone."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -111,3 +112,16 @@ def test_a_slope_is_a_turned_frame_and_gravity_that_is_turned_back(
     assert columns[:, :, at["ground_slope", 0]] == pytest.approx(
         turned - gravity, rel=0.1, abs=0.02 * abs(turned).max()
     )
+
+
+def test_a_motor_that_lags_gives_the_torque_of_before_where_an_interval_begins() -> None:
+    """By plain MuJoCo with a lag of most of an interval: its replays by that lag meet the log, others do not."""
+    robot = Robot.load(A1)
+    judged = JudgedLogs.of([quadruped_jump(0, [], lag_s=0.008)], robot, {})
+    nominal = Intervals.of(judged.states, Replayer(robot, 1, 1), 0.01)
+    none = [np.zeros((own.intervals, 2 * robot.model.nv, 2 * robot.model.nv)) for own in nominal.courses]
+    lag = effects.known()["motor_lag"](time_constant_s=0.008)  # type: ignore[call-arg]
+    lagging = replace(nominal, acting=((lag,),))
+    assert not lagging.has_memory(0, (lag,))
+    missed = [np.abs(own.defects(none)[0][PUSHES_OFF, robot.model.nv + 6 :]).mean() for own in (nominal, lagging)]
+    assert missed[1] < 0.2 * missed[0]

@@ -13,7 +13,8 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
 from leapgap.diagnosis.engine.evidence import Blocks, Posterior, Whitened, posterior_of, predictive
-from leapgap.diagnosis.engine.points import Acting, Bench, Point, prior_of
+from leapgap.diagnosis.engine.planted import Planted
+from leapgap.diagnosis.engine.points import Acting, Bench, Point, on_logs, prior_of
 from leapgap.diagnosis.engine.pruning import needed
 from leapgap.diagnosis.engine.responses import departed
 from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
@@ -42,7 +43,7 @@ SHORTLIST, ALIKE, CLOSELY = 10, 2, 3
 LIKELY = 0.5
 """Share of the gain of the best set that another has to have by its columns to be replayed."""
 TRIED = 12
-"""Number of effects that are replayed to both sides where columns tell little."""
+"""Number of effects that are replayed because they bring feet to the ground."""
 CONTACTS = (("other_cone", 1.0), ("friction_impedance", 0.1))
 """Settings of contacts with the factors by which they are tried."""
 AT_LEAST = 4.0
@@ -154,7 +155,7 @@ class Search:
         answer, other = self.ascend(start), start
         if answer.unexplained and self.bench.robot.feet:
             looser = self.judge(self.bench.nominal(WRONG_ZERO_RAD, answer.simulation))
-            other = self.ascend(looser, replay=True) if looser.unnamed < start.unnamed else start
+            other = self.ascend(looser) if looser.unnamed < start.unnamed else start
         elif answer.unexplained:
             other = replace(self, most=MOST_TOGETHER).ascend(self.together(answer))
         likelier = other.evidence > answer.evidence and other.worth > answer.worth
@@ -163,15 +164,15 @@ class Search:
             start = self.judge(self.bench.nominal(0.0, answer.simulation)) if answer.members else answer
         return start, self.linearised_about(answer) if answer.members and answer.unnamed > SOME else answer
 
-    def ascend(self, now: Found, replay: bool = False) -> Found:
-        """The answer from a set without effects on; with ``replay`` the first may be one whose columns tell little."""
+    def ascend(self, now: Found) -> Found:
+        """The answer from a set without effects on."""
         while len(now.members) < self.most:
             worth = [*stretched(now.point), *(h for gain, h in self.screened(now) if gain > WORTH_A_LOOK)]
             linear = [self.judge(now.point, [h]) for h in few_of_each(worth, ALIKE)[:SHORTLIST]]
             linear.sort(key=lambda one: -one.worth)
             tried = self.promising(now, linear)
-            if replay and not now.members:
-                tried += self.replayed(now)
+            if now.unexplained and self.bench.robot.feet:
+                tried += self.planted(now)
             simulated = self.otherwise_simulated(now, tried)
             if simulated is not now:
                 now = simulated
@@ -358,18 +359,16 @@ class Search:
                 break
         return found
 
-    def replayed(self, now: Found) -> list[Found]:
-        """The set with one effect more whose columns tell little, since it moves feet into the ground or out of it.
+    def planted(self, now: Found) -> list[Found]:
+        """The set with one effect more by which feet that stand are on the ground, which columns tell little of.
 
-        Those that columns like best are replayed at moderate size to both sides, and the best two fitted.
+        A foot that is reported in the air, or deep in the ground, has another contact than the robot's.
         """
-        sides = [
-            (h, numbers)
-            for h in few_of_each([h for _, h in screen(now.point) if moves_contacts(h)], ALIKE)[:TRIED]
-            for numbers in (h.nominal + h.moderate, h.nominal - h.moderate)
-            if h.allows(numbers)
-        ]
-        sets = [(*now.point.acting, one) for one in sides]
+        acting, known = on_logs(now.point.intervals, now.point.acting), {h.name for h in now.members}
+        moving = [h for h in self.bench.hypotheses if moves_feet(h) and h.name not in known]
+        found = Planted.of(self.bench.intervals).numbers(acting, moving)
+        near = {h: numbers for gain, h, numbers in found if gain > SOME}
+        sets = [(*now.point.acting, (h, near[h])) for h in few_of_each([*near], ALIKE)[:TRIED]]
         trials = list(zip(self.glances(self.part(now.point), now.point.acting, sets), sets, strict=True))
         trials.sort(key=lambda pair: -pair[0])
         return [self.settle(self.moved(now.point, acting)) for _, acting in trials[:2]]
@@ -515,11 +514,10 @@ def few_of_each(hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]
     return found
 
 
-def moves_contacts(hypothesis: Hypothesis) -> bool:
-    """Whether an effect moves the contacts of a robot with feet."""
+def moves_feet(hypothesis: Hypothesis) -> bool:
+    """Whether an effect moves the feet, or the ground under them."""
     kind = hypothesis.kind
-    measured = overrides(kind, "change_measured")
-    return hypothesis.robot.has_free_base and (measured or kind.places == "feet" or kind.name == "ground_slope")
+    return overrides(kind, "change_measured") or kind.places == "feet" or kind.name in ("ground_slope", "leg_geometry")
 
 
 def describe(found: Found) -> str:

@@ -152,7 +152,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
         for m, own in zip(order, rivals, strict=True)
     )
     steps = [candidate_of(found, order[: k + 1]) for k in range(len(order))]
-    if explained:
+    if explained and not search.bench.robot.feet:  # whole logs of feet are chaotic
         steps[-1] = by_whole_logs(steps[-1], gap)
     (figures,) = gap.figures([steps[-1]])
     numbers = Numbers(found.predictive - start.predictive, u, before, float(d), figures.closure.value, blocks)
