@@ -117,6 +117,9 @@ def next_words(report: ReportContent) -> str:
         return ""
     sentence = sentence_words(report.next_experiment["sentence"])
     for one in report.next_experiment["expected"]:
+        if "number" in one:
+            parameter = one["number"].partition(".")[2]
+            sentence = sentence.replace(f"is {parameter} of", f"is {parameter_words(parameter)} of")
         if channel := one.get("channel"):
             sentence = sentence.replace(channel, channel_words(channel))
     return sentence
