@@ -228,7 +228,7 @@ def test_further_jumps_are_to_the_logged_distances_whose_plans_are_simulated() -
     given = Given(logs, SimpleNamespace(has_free_base=True))  # type: ignore[arg-type]
     (jumps,) = OtherJumps.candidates(given)
     assert isinstance(jumps, OtherJumps) and jumps.number(given) == 6
-    assert jumps.words(given) == "log 6 further jumps, to 38, 55 cm, with the front feet on blocks of 2 to 8 cm"
+    assert jumps.words(given) == "record 6 further jumps, to 38, 55 cm, with the front feet on blocks of 2 to 8 cm"
     assert jumps.collect(given)[:2] == ["collect.targets=[[0.38,0.0],[0.55,0.0]]", "collect.jumps=6"]
 
 
