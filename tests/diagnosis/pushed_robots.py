@@ -106,10 +106,10 @@ BASE = ("base_pos_x", "base_pos_y", "base_pos_z", "base_quat_w", "base_quat_x", 
 BASE_RATES = (*(f"base_linvel_{axis}" for axis in "xyz"), *(f"base_angvel_{axis}" for axis in "xyz"))
 
 
-def quadruped_jump(log: int, pushes: list[Push]) -> Log:
+def quadruped_jump(log: int, pushes: list[Push], lag_s: float = 0.0) -> Log:
     """A jump of the A1 from a crouch by a joint PD; pushes along x or z act on the trunk's centre of mass.
 
-    The log ends before it lands.
+    Motors follow with the time constant ``lag_s``. The log ends before it lands.
     """
     rng = np.random.default_rng(200 + log)
     model = mujoco.MjModel.from_xml_path(str(A1))
@@ -129,10 +129,12 @@ def quadruped_jump(log: int, pushes: list[Push]) -> Log:
         data.qfrc_applied[6:] = JUMP_KP * (crouch - data.qpos[7:]) - JUMP_KD * data.qvel[6:]
         mujoco.mj_step(model, data)
     qpos, qvel, begin = np.empty((JUMP_ROWS, model.nq)), np.empty((JUMP_ROWS, model.nv)), data.time
+    kept, given = np.exp(-JUMP_PERIOD_S / lag_s) if lag_s else 0.0, data.qfrc_applied[6:].copy()
     for row in range(JUMP_ROWS):
         qpos[row], qvel[row] = data.qpos, data.qvel
         torque = JUMP_KP * (wanted[row] - data.qpos[7:]) + JUMP_KD * (speed[row] - data.qvel[6:])
-        data.qfrc_applied[6:] = np.clip(torque, -33.5, 33.5)
+        given = np.clip(torque, -33.5, 33.5) + kept * (given - np.clip(torque, -33.5, 33.5))
+        data.qfrc_applied[6:] = given
         data.xfrc_applied[trunk] = 0
         for push in pushes:
             if push.log == log and abs(data.time - begin - push.time_s) <= push.duration_s / 2:

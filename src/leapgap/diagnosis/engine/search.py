@@ -13,7 +13,8 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
 from leapgap.diagnosis.engine.evidence import Blocks, Posterior, Whitened, posterior_of, predictive
-from leapgap.diagnosis.engine.points import Acting, Bench, Point, prior_of
+from leapgap.diagnosis.engine.planted import Planted
+from leapgap.diagnosis.engine.points import Acting, Bench, Point, on_logs, prior_of
 from leapgap.diagnosis.engine.pruning import needed
 from leapgap.diagnosis.engine.responses import departed
 from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
@@ -42,7 +43,7 @@ SHORTLIST, ALIKE, CLOSELY = 10, 2, 3
 LIKELY = 0.5
 """Share of the gain of the best set that another has to have by its columns to be replayed."""
 TRIED = 12
-"""Number of effects that are replayed to both sides where columns tell little."""
+"""Number of effects that are replayed because they bring feet to the ground."""
 CONTACTS = (("other_cone", 1.0), ("friction_impedance", 0.1))
 """Settings of contacts with the factors by which they are tried."""
 AT_LEAST = 4.0
@@ -146,13 +147,15 @@ class Search:
         """The nominal robot, and the answer.
 
         Where much is left unexplained, the search is made once more: of a robot with feet from references that allow
-        for wrong zeros of its joints, of others from all effects together, and on from what these find. The
-        other answer stays where it is likelier by all logs, and by those that each fold was not fitted on.
+        for wrong zeros of its joints, where these leave less without a name, of others from all effects together, and
+        on from what these find. The other answer stays where it is likelier by all logs, and by those that each fold
+        was not fitted on.
         """
         start = self.judge(self.bench.nominal())
         answer, other = self.ascend(start), start
         if answer.unexplained and self.bench.robot.feet:
-            other = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD, answer.simulation)), replay=True)
+            looser = self.judge(self.bench.nominal(WRONG_ZERO_RAD, answer.simulation))
+            other = self.ascend(looser) if looser.unnamed < start.unnamed else start
         elif answer.unexplained:
             other = replace(self, most=MOST_TOGETHER).ascend(self.together(answer))
         likelier = other.evidence > answer.evidence and other.worth > answer.worth
@@ -161,15 +164,15 @@ class Search:
             start = self.judge(self.bench.nominal(0.0, answer.simulation)) if answer.members else answer
         return start, self.linearised_about(answer) if answer.members and answer.unnamed > SOME else answer
 
-    def ascend(self, now: Found, replay: bool = False) -> Found:
-        """The answer from a set without effects on; with ``replay`` the first may be one whose columns tell little."""
+    def ascend(self, now: Found) -> Found:
+        """The answer from a set without effects on."""
         while len(now.members) < self.most:
             worth = [*stretched(now.point), *(h for gain, h in self.screened(now) if gain > WORTH_A_LOOK)]
             linear = [self.judge(now.point, [h]) for h in few_of_each(worth, ALIKE)[:SHORTLIST]]
             linear.sort(key=lambda one: -one.worth)
             tried = self.promising(now, linear)
-            if replay and not now.members:
-                tried += self.replayed(now)
+            if now.unexplained and self.bench.robot.feet:
+                tried += self.planted(now)
             simulated = self.otherwise_simulated(now, tried)
             if simulated is not now:
                 now = simulated
@@ -290,17 +293,18 @@ class Search:
         """The nominal robot by other contacts of the simulation, where these gain more than sets that were tried.
 
         No robot is as its simulation in how contacts are computed. What a friction cone or an impedance changes at the
-        edge of slipping is far from linear, so that everything is linearised anew.
+        edge of slipping is far from linear: where softer friction helps at a glance, everything is linearised anew.
         """
         if now.members or not (now.unexplained and self.bench.robot.feet):
             return now
         (settings,) = now.simulation or (SimulationSettings(),)
         others = [(settings.changed(name, by),) for name, by in CONTACTS if not settings.has(name)]
         softer = [replace(now.point, intervals=now.point.intervals.simulated_by(own)) for own in others[-1:]]
-        if all(self.bench.glance(one, ()) - now.evidence <= LEAST_GAIN for one in softer):
+        gains = [one.predictive - now.predictive for one in tried]
+        enough = max([LEAST_GAIN, *(LIKELY * own for own in gains)])
+        if all(self.bench.glance(one, ()) - now.evidence <= enough for one in softer):
             return now
         best = max([now, *(self.judge(self.bench.nominal(0.0, own)) for own in others)], key=lambda one: one.evidence)
-        gains = [one.predictive - now.predictive for one in tried]
         if best is now or best.unnamed >= now.unnamed or best.evidence - now.evidence <= max([SOME, *gains]):
             return now
         self.progress(f"contacts by {best.simulation[0].in_words}: unexplained {now.unnamed:.0f} to {best.unnamed:.0f}")
@@ -355,18 +359,16 @@ class Search:
                 break
         return found
 
-    def replayed(self, now: Found) -> list[Found]:
-        """The set with one effect more whose columns tell little, since it moves feet into the ground or out of it.
+    def planted(self, now: Found) -> list[Found]:
+        """The set with one effect more by which feet that stand are on the ground, which columns tell little of.
 
-        Those that columns like best are replayed at moderate size to both sides, and the best two fitted.
+        A foot that is reported in the air, or deep in the ground, has another contact than the robot's.
         """
-        sides = [
-            (h, numbers)
-            for h in few_of_each([h for _, h in screen(now.point) if moves_contacts(h)], ALIKE)[:TRIED]
-            for numbers in (h.nominal + h.moderate, h.nominal - h.moderate)
-            if h.allows(numbers)
-        ]
-        sets = [(*now.point.acting, one) for one in sides]
+        acting, known = on_logs(now.point.intervals, now.point.acting), {h.name for h in now.members}
+        moving = [h for h in self.bench.hypotheses if moves_feet(h) and h.name not in known]
+        found = Planted.of(self.bench.intervals).numbers(acting, moving)
+        near = {h: numbers for gain, h, numbers in found if gain > SOME}
+        sets = [(*now.point.acting, (h, near[h])) for h in few_of_each([*near], ALIKE)[:TRIED]]
         trials = list(zip(self.glances(self.part(now.point), now.point.acting, sets), sets, strict=True))
         trials.sort(key=lambda pair: -pair[0])
         return [self.settle(self.moved(now.point, acting)) for _, acting in trials[:2]]
@@ -378,6 +380,8 @@ class Search:
 
     def linearised_about(self, found: Found) -> Found:
         """A set with everything linearised about it, where that leaves less unexplained."""
+        if [h.label for h, _ in found.point.basis.about] == [h.label for h in found.members]:
+            return found
         return min([found, self.linearised(found)], key=lambda one: one.unnamed)
 
     def exchanged(self, found: Found) -> Found:
@@ -510,11 +514,10 @@ def few_of_each(hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]
     return found
 
 
-def moves_contacts(hypothesis: Hypothesis) -> bool:
-    """Whether an effect moves the contacts of a robot with feet."""
+def moves_feet(hypothesis: Hypothesis) -> bool:
+    """Whether an effect moves the feet, or the ground under them."""
     kind = hypothesis.kind
-    measured = overrides(kind, "change_measured")
-    return hypothesis.robot.has_free_base and (measured or kind.places == "feet" or kind.name == "ground_slope")
+    return overrides(kind, "change_measured") or kind.places == "feet" or kind.name in ("ground_slope", "leg_geometry")
 
 
 def describe(found: Found) -> str:
