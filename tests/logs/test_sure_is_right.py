@@ -38,7 +38,7 @@ def robot_of(name: str, folder: Path) -> Robot:
     return Robot.load(path)
 
 
-@pytest.mark.parametrize("number", range(60))
+@pytest.mark.parametrize("number", range(100))
 def test_nothing_sure_is_wrong_in_drawn_logs(number: int, tmp_path: Path) -> None:
     name, foreign, format = foreign_logs.drawn(number)
     robot = robot_of(name, tmp_path)

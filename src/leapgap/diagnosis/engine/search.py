@@ -8,6 +8,7 @@ all logs together as well, which tell more of what the model's tolerances do.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 
 import numpy as np
 
@@ -255,9 +256,13 @@ class Search:
         sets = [one.acting for one in linear]
         if now.unnamed > SOME or max(gains, default=0.0) > 0:
             part = self.part(now.point)
-            sets += [(*now.acting, one) for one in self.far(part)]
-            glances = self.glances(part, now.acting, sets)
-            gains = [*map(max, gains, glances), *glances[len(gains) :]]
+            far = [[(*now.acting, one) for one in pair] for pair in self.far(part)]
+            nearer = [
+                max(zip(self.glances(part, now.acting, pair), pair, strict=True), key=itemgetter(0)) for pair in far
+            ]
+            gains = list(map(max, gains, self.glances(part, now.acting, sets)))
+            gains += [gain for gain, _ in nearer]
+            sets += [own for _, own in nearer]
         found: list[Found] = []
         for k in np.argsort(-np.array(gains), kind="stable")[:CLOSELY]:
             if gains[k] <= LIKELY * max(gains):
@@ -275,19 +280,27 @@ class Search:
         base, share = self.bench.glance(part, acting), self.bench.some.mean()
         return [(self.bench.glance(part, one) - base) / share for one in sets]
 
-    def far(self, part: Point) -> list[tuple[Hypothesis, np.ndarray]]:
-        """Effects in the drives with numbers far from nominal that by their columns gain most, one number a place."""
+    def far(self, part: Point) -> list[Acting]:
+        """Effects in the drives with numbers far from nominal that by their columns gain most, two numbers of each.
+
+        The second departs from nominal by as many times the first as the errors hold its column.
+        """
         left = Projection.of(part, *part.priors())
-        gains: list[tuple[float, Hypothesis, np.ndarray]] = []
+        gains: list[tuple[float, Hypothesis, np.ndarray, float]] = []
         for found, columns in self.bench.far(part):
             by_errors, by_each = left.of_columns(columns)
             inner = by_each.diagonal() + AT_LEAST
-            of_each = 0.5 * (by_errors + AT_LEAST) ** 2 / inner - 0.5 * AT_LEAST
-            gains += [(float(gain), *one) for gain, one in zip(of_each, found, strict=True)]
+            times = (by_errors + AT_LEAST) / inner
+            of_each = 0.5 * times**2 * inner - 0.5 * AT_LEAST
+            gains += [(float(gain), *one, float(own)) for gain, one, own in zip(of_each, found, times, strict=True)]
         gains.sort(key=lambda one: -one[0])
-        best = {h.label: (h, numbers) for gain, h, numbers in reversed(gains) if gain > WORTH_A_LOOK}
-        few = few_of_each([h for gain, h, _ in gains if gain > WORTH_A_LOOK], 2 * ALIKE)
-        return [best[label] for label in list(dict.fromkeys(h.label for h in few))[:SHORTLIST]]
+        best = {h.label: (h, numbers, times) for gain, h, numbers, times in reversed(gains) if gain > WORTH_A_LOOK}
+        few = few_of_each([h for gain, h, *_ in gains if gain > WORTH_A_LOOK], 2 * ALIKE)
+        labels = list(dict.fromkeys(h.label for h in few))[:SHORTLIST]
+        return [
+            ((h, numbers), (h, h.near(h.nominal + times * (numbers - h.nominal), numbers)))
+            for h, numbers, times in map(best.__getitem__, labels)
+        ]
 
     def otherwise_simulated(self, now: Found, tried: Sequence[Found]) -> Found:
         """The nominal robot by other contacts of the simulation, where these gain more than sets that were tried.
