@@ -8,7 +8,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.engine.intervals import Course, Intervals
-from leapgap.diagnosis.engine.responses import Columns
+from leapgap.diagnosis.engine.responses import Columns, late_feedback
 from leapgap.diagnosis.engine.whitening import Chunks, linearise
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
@@ -24,19 +24,23 @@ Change = Callable[[mujoco.MjModel], None]
 
 
 @pytest.fixture(scope="module")
-def standing() -> tuple[Course, Columns]:
-    """A jump's intervals and the columns about them."""
+def standing() -> tuple[Course, Columns, np.ndarray]:
+    """A jump's intervals, the columns about them, and that of a late joint PD."""
     robot = Robot.load(A1)
     judged = JudgedLogs.of([quadruped_jump(0, [])], robot, {})
     intervals = Intervals.of(judged.states, Replayer(robot, 1, 1), 0.01)
     none = [np.zeros((own.intervals, 2 * robot.model.nv)) for own in intervals.courses]
     intervals, linearisation = linearise(intervals, Chunks.of(intervals), none)
     hypotheses = list_hypotheses([effects.known()[name] for name in KINDS], robot, None)
-    return intervals.courses[0], Columns.of(intervals, linearisation, hypotheses)
+    (late,) = late_feedback(intervals, linearisation)
+    return intervals.courses[0], Columns.of(intervals, linearisation, hypotheses), late[:, :, 0]
 
 
-def ends(own: Course, change: Change, scale: Callable[[list[str]], np.ndarray]) -> np.ndarray:
-    """Velocities at the end of each interval by plain MuJoCo, (intervals, nv); ``scale`` is of the joints' torques."""
+def ends(own: Course, change: Change, scale: Callable[[list[str]], np.ndarray], held: int = 1) -> np.ndarray:
+    """Velocities at the end of each interval by plain MuJoCo, (intervals, nv).
+
+    ``scale`` is of the joints' torques, which are computed once in so many steps of 0.25 ms.
+    """
     model = mujoco.MjModel.from_xml_path(str(A1))
     model.opt.timestep = 0.00025
     change(model)
@@ -46,7 +50,10 @@ def ends(own: Course, change: Change, scale: Callable[[list[str]], np.ndarray]) 
         data = mujoco.MjData(model)
         data.qpos[:], data.qvel[:] = np.split(own.start_states[k], [model.nq])
         for row in range(own.rows[own.begins[k]], own.rows[own.begins[k] + 1]):
-            for _ in range(4):
+            for step in range(4):
+                if step % held:
+                    mujoco.mj_step(model, data)
+                    continue
                 torque = JUMP_KP * (wanted[row] - data.qpos[7:]) + JUMP_KD * (speed[row] - data.qvel[6:])
                 data.qfrc_applied[6:] = scale(joints) * np.clip(torque, -33.5, 33.5)
                 mujoco.mj_step(model, data)
@@ -54,11 +61,29 @@ def ends(own: Course, change: Change, scale: Callable[[list[str]], np.ndarray]) 
     return np.array(found)
 
 
+def unchanged(model: mujoco.MjModel) -> None:
+    """The model as it is."""
+
+
+def alike(joints: list[str]) -> np.ndarray:
+    """All torques as they are."""
+    return np.ones(len(joints))
+
+
+def test_torques_that_are_held_for_a_step_are_a_late_joint_pd(standing: tuple[Course, Columns, np.ndarray]) -> None:
+    """By half a step in the mean, 0.5 ms beside 0.125 ms."""
+    own, _, late = standing
+    plain = (ends(own, unchanged, alike, held=4) - ends(own, unchanged, alike)) / 0.375e-3
+    found = late[PUSHES_OFF, plain.shape[1] :]
+    assert (plain * found).sum() > 0.9 * np.linalg.norm(plain) * np.linalg.norm(found)
+    assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(plain), rel=0.3)
+
+
 @pytest.mark.parametrize("joint", JOINTS)
 @pytest.mark.parametrize("kind", ["joint_damping", "torque_gain"])
-def test_columns_of_one_joint_are_its_own(standing: tuple[Course, Columns], kind: str, joint: str) -> None:
+def test_columns_of_one_joint_are_its_own(standing: tuple[Course, Columns, np.ndarray], kind: str, joint: str) -> None:
     """Feet that stand couple all joints: what all do together does not tell what one does."""
-    own, columns = standing
+    own, columns, _ = standing
 
     def damp(model: mujoco.MjModel) -> None:
         if kind == "joint_damping":
@@ -67,11 +92,8 @@ def test_columns_of_one_joint_are_its_own(standing: tuple[Course, Columns], kind
     def scale(joints: list[str]) -> np.ndarray:
         return np.where([kind == "torque_gain" and name == joint for name in joints], 1.02, 1.0)
 
-    def alike(joints: list[str]) -> np.ndarray:
-        return np.ones(len(joints))
-
     step = 0.05 if kind == "joint_damping" else 0.02
-    plain = (ends(own, damp, scale) - ends(own, lambda _: None, alike)) / step
+    plain = (ends(own, damp, scale) - ends(own, unchanged, alike)) / step
     (index,) = [i for i, key in enumerate(columns.keys) if (key.effect, key.place) == (kind, joint)]
     found = columns.values[0][PUSHES_OFF, plain.shape[1] :, index]
     cosine = (plain * found).sum() / np.linalg.norm(plain) / np.linalg.norm(found)
@@ -79,7 +101,9 @@ def test_columns_of_one_joint_are_its_own(standing: tuple[Course, Columns], kind
     assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(plain), rel=0.4)
 
 
-def test_a_slope_is_a_turned_frame_and_gravity_that_is_turned_back(standing: tuple[Course, Columns]) -> None:
+def test_a_slope_is_a_turned_frame_and_gravity_that_is_turned_back(
+    standing: tuple[Course, Columns, np.ndarray],
+) -> None:
     """No foot is lifted or pressed into the ground by it."""
     columns = standing[1].values[0]
     at = {(key.effect, key.number): i for i, key in enumerate(standing[1].keys)}

@@ -148,6 +148,17 @@ class Drive:
             last = row
         return np.array(found)
 
+    def lagged(self, torque: np.ndarray, row_s: np.ndarray, rows: Sequence[int]) -> np.ndarray:
+        """Torque of the motors at the beginning of some rows of a log, (chosen rows, joints), N·m.
+
+        From the torque that was asked of them, N·m, (rows, joints), and the length of each row, s, (rows,).
+        """
+        kept = np.exp(-row_s[:, None] / np.maximum(self.lag_s, 1e-9))
+        found = torque.copy()
+        for row in range(1, len(torque)):
+            found[row] = torque[row - 1] + kept[row - 1] * (found[row - 1] - torque[row - 1])
+        return np.asarray(np.where(self.lag_s > 0, found, torque)[rows])
+
     def set_joint_pd(self, model: mujoco.MjModel, robot: Robot, kp: np.ndarray, kd: np.ndarray) -> None:
         """Set other gains that were sent (joints,) in a model that has these motors: N·m/rad, N·m·s/rad."""
         kp, kd = self.gains(kp, kd)

@@ -310,21 +310,28 @@ class RolloutModels:
         states: np.ndarray,
         controls: np.ndarray,
         warmth: np.ndarray | None = None,
+        lagged: np.ndarray | None = None,
     ) -> np.ndarray:
         """MuJoCo's full states: time, positions, velocities, and the states of motors that have one, (starts, values).
 
         Of true states (starts, nq + nv), under controls (starts, rows, actuators). The torque of a motor is the one
-        that the first command asks for; friction with a memory is that of the motion. ``warmth`` is by how much the
-        resistance of each joint's motor has risen, (starts, joints); None: not at all.
+        that the first command asks for, or where it lags ``lagged``, N·m, (starts, joints), if that is known; friction
+        with a memory is that of the motion. ``warmth`` is by how much the resistance of each joint's motor has risen,
+        (starts, joints); None: not at all.
         """
         whole = self.whole_states(trial, model, states, controls)
         parts = [np.zeros((len(states), 1)), whole]
         if model.na:
-            parts.append(self._activations(model, states, controls[:, 0], warmth))
+            parts.append(self._activations(model, states, controls[:, 0], warmth, lagged))
         return np.concatenate(parts, axis=1)
 
     def _activations(
-        self, model: mujoco.MjModel, states: np.ndarray, control: np.ndarray, warmth: np.ndarray | None
+        self,
+        model: mujoco.MjModel,
+        states: np.ndarray,
+        control: np.ndarray,
+        warmth: np.ndarray | None,
+        lagged: np.ndarray | None,
     ) -> np.ndarray:
         """States of the motors, (starts, activations), under the first controls (starts, actuators)."""
         found = np.zeros((len(states), model.na))
@@ -344,6 +351,8 @@ class RolloutModels:
             np.where(model.actuator_forcelimited[motors], end, asked) for end in model.actuator_forcerange[motors].T
         )
         torque, lagging = np.clip(asked / (1 + warm), *limits), dc_motors.has_current(model, motors)
+        if lagged is not None:
+            torque[:, : lagged.shape[1]] = lagged
         found[:, dc_motors.state_of_current(model, motors[lagging])] = torque[:, lagging]
         bristles, deflection = dc_motors.bristles_in_motion(model, states[:, self.bare.nq :])
         found[:, bristles] = deflection
@@ -357,10 +366,23 @@ class RolloutModels:
         drive = self.drive(trial) if overriding(trial.effects, "change_drive") else None
         if drive is None or not drive.heating.any():
             return None
+        return drive.warmth(*self._torque_of_rows(trial, steps), rows)
+
+    def lagged_torque(self, trial: Rollout, rows: Sequence[int], steps: np.ndarray) -> np.ndarray | None:
+        """Torque that motors give at the beginning of some rows of such a log, N·m, (chosen rows, joints).
+
+        None where no motor lags.
+        """
+        drive = self.drive(trial) if overriding(trial.effects, "change_drive") else None
+        if drive is None or not drive.lag_s.any():
+            return None
+        return drive.lagged(*self._torque_of_rows(trial, steps), rows)
+
+    def _torque_of_rows(self, trial: Rollout, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Torque that is asked in rows of a log that last so many steps, (rows, joints), and their lengths, s."""
         row_s = steps * trial.period_s / self.substeps(trial.log)
         row = np.arange(len(steps))
-        load = self._load(trial, self._asked(trial, row, trial.period_s), row, limited=False)
-        return drive.warmth(load.torque, row_s, rows)
+        return self._load(trial, self._asked(trial, row, trial.period_s), row, limited=False).torque, row_s
 
     def whole_states(
         self, trial: Rollout, model: mujoco.MjModel, states: np.ndarray, controls: np.ndarray | None

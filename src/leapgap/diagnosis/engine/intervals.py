@@ -21,6 +21,7 @@ from leapgap.diagnosis.short_rollouts import FINE, StateChannels, smooth_starts
 from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import ACTING, Effect, overrides, overriding
 from leapgap.logs.state import States
+from leapgap.robot.dc_motors import has_current, has_temperature
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
@@ -254,14 +255,16 @@ class Intervals:
         return np.asarray(change + further[begins + 1] - np.einsum("kij,kj->ki", transition, further[begins]))
 
     def has_memory(self, log: int, effects: Effects) -> bool:
-        """Whether a robot with some effects has states beside its joints' that the nominal robot has not."""
+        """Whether a robot with some effects has states beside its joints' that the log does not tell."""
         trial = Rollout(self.courses[log].states.log, effects)
         return bool(trial.structure) and self._states_of(trial) != self._states_of(replace(trial, effects=()))
 
     def _states_of(self, trial: Rollout) -> tuple[int, int]:
-        """Numbers of activations and of positions of a trial's model."""
+        """Numbers of activations of a trial's model but torques and heat of motors, and of its positions."""
+        motors = self.robot.joint_actuators
         with self.replayer.working_model(trial) as working:
-            return int(working.model.na), int(working.model.nq)
+            told = [of(working.model, motors).sum() for of in (has_current, has_temperature)]
+            return int(working.model.na - sum(told)), int(working.model.nq)
 
     def without_memory(self, log: int) -> Effects:
         """The acting effects on a log but those with a memory."""
@@ -372,8 +375,8 @@ class Intervals:
         gains = joint_gains(trial.log, self.robot)[own.rows[own.begins]]
         _, rows, which = np.unique(gains, axis=0, return_index=True, return_inverse=True)
         lent = [models.of(trial, int(own.rows[own.begins[row]])) for row in rows]
-        warmth = replayer.warmth(trial, own.rows[own.begins].tolist(), steps)
-        return PreparedIntervals(replayer, trial, lent, which.ravel(), controls, steps_until, warmth)
+        states = (of(trial, own.rows[own.begins].tolist(), steps) for of in (replayer.warmth, replayer.lagged_torque))
+        return PreparedIntervals(replayer, trial, lent, which.ravel(), controls, steps_until, *states)
 
 
 def moving(effects: Effects) -> Effects:
@@ -413,14 +416,17 @@ class PreparedIntervals:
     """Number of steps until the end of each of the intervals that a replay lasts, (intervals, span)."""
     warmth: np.ndarray | None
     """Of the motors at the beginning of each interval, (intervals, joints); None where none heats."""
+    lagged: np.ndarray | None
+    """Torque of the motors there, N·m, (intervals, joints); None where none lags."""
 
     def full_states(self, which: np.ndarray, states: np.ndarray) -> np.ndarray:
         """MuJoCo's full states at the beginning of some intervals, from positions and velocities (some, nq + nv)."""
         found = []
         for k, model in enumerate(self.models):
             own = self.model_of[which] == k
-            at, warmth = which[own], None if self.warmth is None else self.warmth[which[own]]
-            of_model = self.replayer.full_states(self.trial, model, states[own], self.controls[at], warmth)
+            at = which[own]
+            of_motors = (None if of is None else of[at] for of in (self.warmth, self.lagged))
+            of_model = self.replayer.full_states(self.trial, model, states[own], self.controls[at], *of_motors)
             found.append((own, of_model))
         full = np.zeros((len(states), found[0][1].shape[1]))
         for own, of_model in found:

@@ -10,7 +10,7 @@ from leapgap import effects
 from leapgap.diagnosis.channels import tangent_difference
 from leapgap.diagnosis.engine.evidence import BLOCK_S, Blocks, Evidence, Whitened
 from leapgap.diagnosis.engine.intervals import Effects, Intervals
-from leapgap.diagnosis.engine.responses import Columns, Linearisation, rough_steps, shared
+from leapgap.diagnosis.engine.responses import Columns, Linearisation, late_feedback, rough_steps, shared
 from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
 from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.sensitivities import tolerance, usable
@@ -69,6 +69,8 @@ Acting = tuple[tuple[Hypothesis, np.ndarray], ...]
 class Basis:
     """What is linearised about one robot."""
 
+    about: Acting
+    """Its effects."""
     hypotheses: Sequence[Hypothesis]
     """Effects that are looked for."""
     linearisation: Linearisation
@@ -244,11 +246,12 @@ class Bench:
         filters = tuple(filters_of(intervals, linearisation, self.chunks))
         known, present = None if before is None else before.columns, [h.name for h, _ in acting]
         columns = Columns.of(intervals, linearisation, list(self.kinds.values()), known, present)
-        others = self.other_simulations(intervals, linearisation.transitions)
+        others = self.other_simulations(intervals, linearisation)
         parts = zip(columns.values, self.late(columns), others, strict=True)
         stacked = self.chunks.stack([np.concatenate(of_log, axis=2) for of_log in parts])
         per_block = max(LEAST_IN_BLOCK, round(BLOCK_S / self.intervals.interval_s))
         basis = Basis(
+            acting,
             self.hypotheses,
             linearisation,
             filters,
@@ -276,7 +279,8 @@ class Bench:
                     found[i] = float(size)
         quarter, present = QUARTER * self.states[0].log.info.sample_period_s, {key.effect for key in columns.keys}
         step = 0.0 if any(overrides(h.kind, "change_step") for h in self.hypotheses) else 1.0
-        others = [step] + [1.0] * (len(OTHER_CONTACTS) if self.robot.feet else 0)
+        half_step = 0.5 * self.replayer.own_step_s
+        others = [step, *([half_step] + [1.0] * len(OTHER_CONTACTS) if self.robot.feet else [])]
         further = [quarter for name in LATE if name in present] + others
         found |= {len(columns.keys) + k: size for k, size in enumerate(further) if size > 0}
         return np.array([*found]), np.array([*found.values()])
@@ -289,14 +293,20 @@ class Bench:
             for own in columns.values
         ]
 
-    def other_simulations(self, intervals: Intervals, transitions: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """What finer steps of the simulation, and other contacts, change: nuisances, (intervals, 2 nv, some) a log."""
+    def other_simulations(self, intervals: Intervals, linearisation: Linearisation) -> list[np.ndarray]:
+        """What finer steps of the simulation, a late joint PD and other contacts change, (intervals, 2 nv, some) a log.
+
+        An explicit simulation holds the torques of its PD for a step, which is as if this answered states half a step
+        late: damping of kp times half a step that no robot has.
+        """
         none = [np.zeros_like(own.close) for own in intervals.courses]
         pairs = zip(intervals.by_short_steps.with_close(none).predicted, intervals.predicted, strict=True)
         found = [[tangent_difference(a, b, self.robot)] for a, b in pairs]
         if self.robot.feet:
+            for own, of_log in zip(found, late_feedback(intervals, linearisation), strict=True):
+                own.append(of_log[:, :, 0])
             sets = [[(*own, other) for own in intervals.acting] for other in OTHER_CONTACTS]
-            for change in intervals.changes(sets, transitions):
+            for change in intervals.changes(sets, linearisation.transitions):
                 for own, of_log in zip(found, change, strict=True):
                     own.append(of_log)
         return [np.stack(own, axis=2) for own in found]

@@ -321,6 +321,19 @@ def closed_form(
     return np.concatenate(found, axis=1)
 
 
+def late_feedback(intervals: Intervals, linearisation: Linearisation) -> list[np.ndarray]:
+    """What the joint PD changes if the states that it answers are late, per second, (intervals, 2 nv, 1) a log."""
+    torques = [
+        at.at_motors("all", at.within * (at.kp * at.velocity + at.kd * at.acceleration))[0].reshape(
+            -1, parts, at.qvel.shape[1]
+        )
+        for at, parts in row_contexts(intervals)
+    ]
+    ends = np.cumsum([own.intervals for own in intervals.courses])
+    of_logs = np.split(np.concatenate([own.mean(axis=1) for own in torques]), ends[:-1])
+    return [of_force(linearisation, log, own)[:, :, None] for log, own in enumerate(of_logs)]
+
+
 def of_force(linearisation: Linearisation, log: int, force: np.ndarray) -> np.ndarray:
     """What a force (intervals, nv), N and N·m, changes by the end of each interval, (intervals, 2 nv)."""
     return np.einsum("kij,kj->ki", linearisation.forces[log], force / linearisation.units)

@@ -146,13 +146,15 @@ class Search:
         """The nominal robot, and the answer.
 
         Where much is left unexplained, the search is made once more: of a robot with feet from references that allow
-        for wrong zeros of its joints, of others from all effects together, and on from what these find. The
-        other answer stays where it is likelier by all logs, and by those that each fold was not fitted on.
+        for wrong zeros of its joints, where these leave less without a name, of others from all effects together, and
+        on from what these find. The other answer stays where it is likelier by all logs, and by those that each fold
+        was not fitted on.
         """
         start = self.judge(self.bench.nominal())
         answer, other = self.ascend(start), start
         if answer.unexplained and self.bench.robot.feet:
-            other = self.ascend(self.judge(self.bench.nominal(WRONG_ZERO_RAD, answer.simulation)), replay=True)
+            looser = self.judge(self.bench.nominal(WRONG_ZERO_RAD, answer.simulation))
+            other = self.ascend(looser, replay=True) if looser.unnamed < start.unnamed else start
         elif answer.unexplained:
             other = replace(self, most=MOST_TOGETHER).ascend(self.together(answer))
         likelier = other.evidence > answer.evidence and other.worth > answer.worth
@@ -184,7 +186,7 @@ class Search:
             newest = best.members[-1]
             others = [(newest.label, one.members[-1], best.worth - one.worth) for one in tried if one is not best]
             rivals = (*now.rivals, *(own for own in others if own[1].name != newest.name))
-            if now.unexplained or best.unexplained:
+            if best.unexplained:
                 best = self.linearised_about(best)
             other = self.exchanged(best)
             best = self.linearised_about(other) if other is not best and best.unexplained else other
@@ -290,14 +292,18 @@ class Search:
         """The nominal robot by other contacts of the simulation, where these gain more than sets that were tried.
 
         No robot is as its simulation in how contacts are computed. What a friction cone or an impedance changes at the
-        edge of slipping is far from linear, so that everything is linearised anew.
+        edge of slipping is far from linear: where softer friction helps at a glance, everything is linearised anew.
         """
         if now.members or not (now.unexplained and self.bench.robot.feet):
             return now
         (settings,) = now.simulation or (SimulationSettings(),)
         others = [(settings.changed(name, by),) for name, by in CONTACTS if not settings.has(name)]
-        best = max([now, *(self.judge(self.bench.nominal(0.0, own)) for own in others)], key=lambda one: one.evidence)
+        softer = [replace(now.point, intervals=now.point.intervals.simulated_by(own)) for own in others[-1:]]
         gains = [one.predictive - now.predictive for one in tried]
+        enough = max([LEAST_GAIN, *(LIKELY * own for own in gains)])
+        if all(self.bench.glance(one, ()) - now.evidence <= enough for one in softer):
+            return now
+        best = max([now, *(self.judge(self.bench.nominal(0.0, own)) for own in others)], key=lambda one: one.evidence)
         if best is now or best.unnamed >= now.unnamed or best.evidence - now.evidence <= max([SOME, *gains]):
             return now
         self.progress(f"contacts by {best.simulation[0].in_words}: unexplained {now.unnamed:.0f} to {best.unnamed:.0f}")
@@ -375,6 +381,8 @@ class Search:
 
     def linearised_about(self, found: Found) -> Found:
         """A set with everything linearised about it, where that leaves less unexplained."""
+        if [h.label for h, _ in found.point.basis.about] == [h.label for h in found.members]:
+            return found
         return min([found, self.linearised(found)], key=lambda one: one.unnamed)
 
     def exchanged(self, found: Found) -> Found:

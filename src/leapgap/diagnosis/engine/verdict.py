@@ -131,7 +131,7 @@ def rivals_of(search: Search, found: Found, member: int) -> list[Rival]:
 
 def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> EvidenceJudgement:
     """The conclusion of a search: verdict, causes in the order of what they explain, and the four numbers."""
-    found = without_immaterial(search, start, found, gap)
+    found = without_outweighed(search, without_immaterial(search, start, found, gap))
     blocks = len(found.point.evidence.levels)
     u, before = found.unnamed, start.unnamed
     nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
@@ -152,7 +152,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
         for m, own in zip(order, rivals, strict=True)
     )
     steps = [candidate_of(found, order[: k + 1]) for k in range(len(order))]
-    if explained:
+    if explained and not search.bench.robot.feet:  # whole logs of feet are chaotic
         steps[-1] = by_whole_logs(steps[-1], gap)
     (figures,) = gap.figures([steps[-1]])
     numbers = Numbers(found.predictive - start.predictive, u, before, float(d), figures.closure.value, blocks)
@@ -269,6 +269,19 @@ def without_immaterial(search: Search, start: Found, found: Found, gap: HeldOutG
             break
         search.progress(f"without {found.members[idle[0]].label}, which explains nothing")
         found = search.settle(found.with_members(fewer[idle[0]]))
+    return found
+
+
+def without_outweighed(search: Search, found: Found) -> Found:
+    """The set without members that are worth less evidence than what stays without a name, which they may stand for."""
+    while found.unexplained and len(found.members) > 1:
+        members = range(len(found.members))
+        losses = [found.evidence - found.evidence_without([m]) for m in members]
+        least = int(np.argmin(losses))
+        if losses[least] >= found.missing:
+            break
+        search.progress(f"without {found.members[least].label}, worth less than what stays without a name")
+        found = search.settle(found.with_members([m for m in members if m != least]))
     return found
 
 

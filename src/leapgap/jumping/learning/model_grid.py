@@ -22,6 +22,7 @@ from leapgap.jumping.learning.splits import Split, folds, sessions, train_on_all
 from leapgap.jumping.learning.store import StoredModel, load, save
 from leapgap.jumping.learning.windows import ARRAYS, Purpose, Windows
 from leapgap.runtime.atomic_io import read_json, whole_file, write_json
+from leapgap.runtime.blas import one_blas_thread
 from leapgap.runtime.cache import ResultCache, result_key
 from leapgap.runtime.processes import starting_workers
 
@@ -134,6 +135,7 @@ class Part:
         members = find_recipe(self.name, "train.models").members if self.is_model else ()
         return {f"{self.job.split.name}/{member}" for member in members}
 
+    @one_blas_thread()
     def run(self) -> None:
         """Fit it, and put it into the cache."""
         job, split, cache, recipe = self.job, self.job.split, self.job.cache, recipes()[self.name]
