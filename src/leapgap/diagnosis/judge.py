@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
-from leapgap.diagnosis.engine.points import ABSENT, Point
+from leapgap.diagnosis.engine.points import ABSENT, Acting, Point
 from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, UNNAMED, Found, Search, few_of_each, screen
 from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.refereed_logs import AtHorizon, RefereedLogs
@@ -202,9 +202,9 @@ class SearchBeside(Search):
             found = best
         return found, others
 
-    def far(self, part: Point) -> list[tuple[Hypothesis, np.ndarray]]:
+    def far(self, part: Point) -> list[Acting]:
         """Effects in the drives far from nominal, without those that touch what a change touches."""
-        return [(h, numbers) for h, numbers in super().far(part) if self.is_free(h)]
+        return [pair for pair in super().far(part) if self.is_free(pair[0][0])]
 
     def is_free(self, hypothesis: Hypothesis) -> bool:
         """Whether no change stands for an effect."""

@@ -176,7 +176,7 @@ class Search:
                 tried += self.planted(now)
             simulated = self.otherwise_simulated(now, tried)
             if simulated is not now:
-                now = simulated
+                now = replace(simulated, rivals=now.rivals)
                 continue
             if not tried:
                 break
@@ -303,21 +303,26 @@ class Search:
         ]
 
     def otherwise_simulated(self, now: Found, tried: Sequence[Found]) -> Found:
-        """The nominal robot by other contacts of the simulation, where these gain more than sets that were tried.
+        """The same set by other contacts of the simulation, where these gain more than sets that were tried.
 
         No robot is as its simulation in how contacts are computed. What a friction cone or an impedance changes at the
         edge of slipping is far from linear: where softer friction helps at a glance, everything is linearised anew.
         """
-        if now.members or not (now.unexplained and self.bench.robot.feet):
+        if not (now.unexplained and self.bench.robot.feet):
             return now
         (settings,) = now.simulation or (SimulationSettings(),)
-        others = [(settings.changed(name, by),) for name, by in CONTACTS if not settings.has(name)]
-        softer = [replace(now.point, intervals=now.point.intervals.simulated_by(own)) for own in others[-1:]]
-        gains = [one.predictive - now.predictive for one in tried]
+        others = [
+            now.point.intervals.simulated_by((settings.changed(name, by),))
+            for name, by in CONTACTS
+            if not settings.has(name)
+        ]
+        gains, base = [one.predictive - now.predictive for one in tried], self.bench.glance(now.point, now.acting)
         enough = max([LEAST_GAIN, *(LIKELY * own for own in gains)])
-        if all(self.bench.glance(one, ()) - now.evidence <= enough for one in softer):
+        softer = [replace(now.point, intervals=own) for own in others[-1:]]
+        if all(self.bench.glance(one, now.acting) - base <= enough for one in softer):
             return now
-        best = max([now, *(self.judge(self.bench.nominal(0.0, own)) for own in others)], key=lambda one: one.evidence)
+        linearised = (self.bench.linearised(own, now.acting, now.point.basis) for own in others)
+        best = max([now, *map(self.judge, linearised)], key=lambda one: one.evidence)
         if best is now or best.unnamed >= now.unnamed or best.evidence - now.evidence <= max([SOME, *gains]):
             return now
         self.progress(f"contacts by {best.simulation[0].in_words}: unexplained {now.unnamed:.0f} to {best.unnamed:.0f}")
