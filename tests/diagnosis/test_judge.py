@@ -2,13 +2,17 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
+import numpy as np
 import pytest
 
 import leapgap as lg
 from leapgap import effects
 from leapgap.cli import main
+from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.judge import acts
 from leapgap.effects.model_change import changes_between
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
@@ -69,6 +73,15 @@ def test_gains_and_limits_of_the_makers_are_changes(tmp_path: Path) -> None:
     )
     found = {one.title: one.effect.values["scale"] for one in changes_between(before, after)}
     assert found == {"position gain of elbow": pytest.approx(1.25), "torque limit of elbow": pytest.approx(0.5)}
+
+
+def test_a_limit_that_limits_nothing_is_no_cause(tmp_path: Path) -> None:
+    """Evidence may ask for a number beyond the end at which an effect does nothing: that is none."""
+    robot = robot_of(tmp_path, "nominal", plain_arm.arm())
+    slew = Hypothesis(effects.known()["set_point_slew"], robot)
+    for rate, is_acting in ((101.7, False), (100.0, False), (40.0, True)):
+        found = SimpleNamespace(acting=((slew, slew.near(np.array([rate]), None)),))
+        assert acts(found) is is_acting, rate  # type: ignore[arg-type]
 
 
 @pytest.mark.long

@@ -228,7 +228,7 @@ def test_further_jumps_are_to_the_logged_distances_whose_plans_are_simulated() -
     given = Given(logs, SimpleNamespace(has_free_base=True))  # type: ignore[arg-type]
     (jumps,) = OtherJumps.candidates(given)
     assert isinstance(jumps, OtherJumps) and jumps.number(given) == 6
-    assert jumps.words(given) == "log 6 further jumps, to 38, 55 cm, with the front feet on blocks of 2 to 8 cm"
+    assert jumps.words(given) == "record 6 further jumps, to 38, 55 cm, with the front feet on blocks of 2 to 8 cm"
     assert jumps.collect(given)[:2] == ["collect.targets=[[0.38,0.0],[0.55,0.0]]", "collect.jumps=6"]
 
 
@@ -322,7 +322,9 @@ def test_the_least_sure_number_is_sharpened_by_what_at_least_halves_its_spread(r
     )
     assert nothing is None
     assert asked is not None and asked.experiment is not None
-    assert asked.sentence.startswith("The least sure number is damping of joint_damping, 0.05 ± 0.04 N·m·s/rad: log ")
+    assert asked.sentence.startswith(
+        "The least sure number is damping of joint_damping, 0.05 ± 0.04 N·m·s/rad: record "
+    )
     (expected,) = asked.expected
     assert expected["spread"] <= expected["spread_today"] / 2
     assert asked.to_json()["separates"] == []

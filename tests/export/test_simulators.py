@@ -1,6 +1,8 @@
 """Files for other simulators: run against the documented names and fields of each, with numbers worked out by hand."""
 
 import ast
+import importlib
+import inspect
 import re
 import shutil
 import types
@@ -22,7 +24,7 @@ from leapgap.export.base import CorrectedRobot
 from leapgap.export.posterior import SIGMAS, Posterior, posterior_of
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import write_corrected
-from tests.export import schemas
+from tests.export import isaac_lab, schemas
 
 CORRECTION = (
     effects.effect("joint_damping", "RR_calf", damping=0.4),
@@ -209,13 +211,68 @@ def test_isaac_lab_gets_delayed_actuators_and_joints_drawn_together(
     assert pairs.shape == (2, 64) and np.ptp(pairs[0]) > 0.1
 
 
+def test_isaac_lab_itself_delays_and_limits_as_the_file_says(
+    folder: Path, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where its sources are installed: its own actuator, with a step of the set points and one beyond the limit."""
+    torch = pytest.importorskip("torch")
+    actuators = isaac_lab.modules(monkeypatch)
+    played = {name: of for name, of in schemas.isaac_lab().items() if name != "isaaclab.actuators"}
+    names = schemas.run(folder / "for_isaac_lab.py", played, monkeypatch)
+    (group,) = names["actuators"](0.002).values()
+    assert isinstance(group, actuators.DelayedPDActuatorCfg)
+    order, envs = list(reversed(robot.joints)), 64
+    motors = group.class_type(cfg=group, joint_names=order, joint_ids=slice(None), num_envs=envs, device="cpu")
+    motors.reset(range(envs))
+    types_of = importlib.import_module("isaaclab.utils.types")
+    zero, torques = torch.zeros(envs, 12), []
+    for step in range(8):
+        wanted = torch.full((envs, 12), 0.1 if step >= 3 else 0.0)
+        action = types_of.ArticulationActions(wanted, zero.clone(), zero.clone())
+        torques.append(motors.compute(action, zero, zero).joint_efforts.numpy().copy())
+    calf, hip, all_torques = order.index("RR_calf"), order.index("FL_hip"), np.array(torques)
+    assert all_torques[-1, 0, [calf, hip]] == pytest.approx([8.0, 10.0])  # 0.1 rad by 80 and 100 N·m/rad
+    delays = (all_torques[3:, :, calf] == 0).sum(axis=0)
+    assert set(delays.tolist()) == {1, 2, 3}  # of 2 ms each, for 2.6 to 5.4 ms
+    action = types_of.ArticulationActions(zero + 5.0, zero.clone(), zero.clone())
+    for _ in range(4):
+        torque = motors.compute(action, zero, zero).joint_efforts
+        action = types_of.ArticulationActions(zero + 5.0, zero.clone(), zero.clone())
+    assert torque[0, [calf, hip]].tolist() == pytest.approx([0.8 * 33.5, 33.5], rel=1e-5)
+    assert motors.armature[0, calf] == pytest.approx(robot.model.joint("RR_calf").armature[0])
+    assert (motors.friction[0, calf], motors.viscous_friction[0, calf]) == pytest.approx((0.7, 0.41))
+
+
+def test_the_names_of_isaac_lab_are_those_of_its_sources() -> None:
+    """Where they are installed: fields and arguments that the other tests play, beside those of version 2.3.2."""
+    terms, base = "managers/manager_term_cfg.py", "actuators/actuator_base_cfg.py"
+    assert isaac_lab.fields(base, "ActuatorBaseCfg") | {"class_type"} == schemas.ISAAC_BASE
+    own = isaac_lab.fields("actuators/actuator_pd_cfg.py", "DelayedPDActuatorCfg")
+    assert own - {"class_type"} == {"min_delay", "max_delay"}
+    network = isaac_lab.fields("actuators/actuator_net_cfg.py", "ActuatorNetMLPCfg")
+    motor = isaac_lab.fields("actuators/actuator_pd_cfg.py", "DCMotorCfg")
+    assert schemas.ISAAC_BASE | network | motor == schemas.LEARNED["ActuatorNetMLPCfg"]
+    of_term = isaac_lab.fields(terms, "EventTermCfg") | isaac_lab.fields(terms, "ManagerTermBaseCfg")
+    assert of_term == schemas.ISAAC_TERM
+    mdp = schemas.isaac_lab()["isaaclab.envs"]["mdp"]
+    for name in ("randomize_rigid_body_mass", "randomize_rigid_body_com"):
+        played = set(inspect.signature(getattr(mdp, name)).parameters)
+        assert isaac_lab.arguments("envs/mdp/events.py", name) == played
+    articulation = "assets/articulation/articulation.py"
+    friction = isaac_lab.methods(articulation, "write_joint_friction_coefficient_to_sim", "Articulation")
+    coefficients = {f"joint_{key}friction_coeff" for key in ("", "dynamic_", "viscous_")}
+    assert friction == coefficients | {"joint_ids", "env_ids"}
+    armature = isaac_lab.methods(articulation, "write_joint_armature_to_sim", "Articulation")
+    assert armature == {"armature", "joint_ids", "env_ids"}
+
+
 def test_pace_gets_its_keys_and_its_vector(folder: Path, robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     names = schemas.run(folder / "for_pace.py", schemas.pace(), monkeypatch)
-    motor = names["actuator"](0.002, velocity_limit=21.0)
-    assert motor.max_delay == 2
-    assert motor.encoder_bias == [0.02, *[0.0] * 11]
-    assert motor.saturation_effort == 33.5
     order = list(reversed(robot.joints))
+    motor = names["actuator"](order, 0.002, velocity_limit=21.0)
+    assert motor.max_delay == 2
+    assert dict(zip(order, motor.encoder_bias, strict=True)) == dict.fromkeys(order, 0.0) | {"FR_hip": 0.02}
+    assert motor.saturation_effort == 33.5
     vector = names["parameters"](order, 0.002)
     assert len(vector) == 49
     assert vector[12 + order.index("RR_calf")] == pytest.approx(0.41)

@@ -3,12 +3,15 @@
 import html
 import re
 import shlex
+import shutil
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 from leapgap import cli
+from leapgap.reports.written import what_was_written
 from tests.plain_arm import write_csv, write_model, write_parquet
 
 SETTINGS = '{"noise_draws": 1, "bootstrap_draws": 100, "effects": ["command_delay", "joint_damping"]}'
@@ -62,12 +65,30 @@ def test_the_python_of_the_readme_runs(written: tuple[Path, str], monkeypatch: p
 
 
 def test_the_command_ends_with_what_was_written_and_where_each_effect_is(written: tuple[Path, str]) -> None:
+    """Each file of the report and of ``corrected/`` by name, no other, and nothing that is not there."""
     folder, said = written
-    ending = said.split(f"written to {folder / 'report'}:\n")[1].splitlines()
+    report, ending = folder / "report", said.split(f"written to {folder / 'report'}:\n")[1].splitlines()
     assert "  joint_damping at elbow: in robot.xml" in ending
-    assert ending[-1] == f"page: {folder / 'report' / 'report.html'}"
-    for name in (line.split()[0] for line in ending if line.startswith("  ") and " at " not in line):
-        assert (folder / "report" / name).exists(), name
+    assert ending[-1] == f"page: {report / 'report.html'}"
+    files = [line for line in ending if re.match(r" +[\w.]+  ", line)]
+    outer, inner = ({line.split()[0] for line in files if re.match(rf" {{{n}}}\S", line)} for n in (2, 4))
+    assert outer == {path.name for path in report.iterdir() if not path.name.startswith(".")}
+    assert inner == {path.name for path in (report / "corrected").iterdir()}
+    absent = dict(re.findall(r"^  no (\S+): (.*)", "\n".join(ending), re.MULTILINE))
+    assert set(absent) == set() if find_spec("rerun") else {"diagnosis.rrd"}
+
+
+def test_what_a_report_lacks_is_said(
+    written: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recording where the viewer's package is not there, and a file that its README says why it lacks."""
+    folder = Path(shutil.copytree(written[0] / "report", tmp_path / "report"))
+    (folder / "diagnosis.rrd").unlink(missing_ok=True)
+    (folder / "corrected" / "for_pace.py").unlink()
+    monkeypatch.setattr("leapgap.reports.written.find_spec", lambda _: None)
+    said = "\n".join(what_was_written(folder))
+    assert "no diagnosis.rrd: the viewer's package rerun-sdk is not installed (pip install 'leapgap[view]')" in said
+    assert "no corrected/for_pace.py: corrected/README.md says why" in said
 
 
 def test_the_answer_and_the_best_simulator_have_one_folder_where_they_are_one(written: tuple[Path, str]) -> None:

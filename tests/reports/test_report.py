@@ -21,7 +21,7 @@ from leapgap.reports.channels_data import channels_data
 from leapgap.reports.colours import CORRECTED
 from leapgap.reports.diagnosis import cause_in_words, largest_errors
 from leapgap.reports.diagnosis_figures import closures, profiles
-from leapgap.reports.report import loudest, tiles
+from leapgap.reports.report import loudest, next_words, tiles
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 
@@ -204,3 +204,17 @@ def test_the_heading_of_the_page_has_no_names_of_code() -> None:
         "command latency (at RR: delay 0.0097 s), which cannot be separated from joint Coulomb friction, and a "
         "centre of mass (x -0.01 m, z 0.02 m) explain 92 % (95 %: 82 to 100) of the gap"
     )
+
+
+def test_the_next_experiment_is_told_without_names_of_code() -> None:
+    said = "There joint_damping and velocity_gain differ by 4.5 times the noise in joint_vel/knee; today by 0.19."
+    expected = [{"rival": "velocity_gain", "channel": "joint_vel/knee"}]
+    content = SimpleNamespace(next_experiment={"sentence": said, "expected": expected})
+    assert next_words(content) == (  # type: ignore[arg-type]
+        "There viscous friction and velocity gain (kd) of the joint PD differ by 4.5 times the noise in knee velocity; "
+        "today by 0.19."
+    )
+    numbers = [{"number": "leg_geometry.lower_m", "spread": 0.1, "spread_today": 0.2}]
+    unsure = {"sentence": "The least sure number is lower_m of leg_geometry, 1 m: …", "expected": numbers}
+    found = next_words(SimpleNamespace(next_experiment=unsure))  # type: ignore[arg-type]
+    assert found == "The least sure number is lower of leg geometry error, 1 m: …"

@@ -5,6 +5,7 @@ once, drawn towards the nominal robot and towards what evidence says. ``joint_se
 the likelihood hardly falls, and fits the rest again.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -150,7 +151,9 @@ class JointFit:
         if share < SHORT_STEPS:
             return replace(self, usual=True)
         short_gap = self.heldout_gap.by_short_steps
-        usual_ms, short_ms = (1e3 * gap.replayer.largest_step_s for gap in (self.heldout_gap, short_gap))
+        period = self.heldout_gap.judged.logs[0].info.sample_period_s
+        steps = [math.ceil(period / gap.replayer.largest_step_s) for gap in (self.heldout_gap, short_gap)]
+        usual_ms, short_ms = (1e3 * period / number for number in steps)
         note = (
             f"a time step of {short_ms:.2g} ms explains these logs better than {usual_ms:.2g} ms, whose error looks "
             "like damping and lag; causes were chosen with the short step"

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
-from leapgap.diagnosis.engine.points import ABSENT
+from leapgap.diagnosis.engine.points import ABSENT, Point
 from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, UNNAMED, Found, Search, few_of_each, screen
 from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.refereed_logs import AtHorizon, RefereedLogs
@@ -155,20 +155,22 @@ def judge_correction(
     """Judge the changes that somebody's correction makes to a nominal robot, on logs it was not fitted on."""
     progress(f"step 1 of 2, changes: {len(logs)} logs, {len(stated)} changes")
     logs_of = RefereedLogs.of("judge", logs, robot, settings or Settings(), threads)
-    search = Search(logs_of.bench, logs_of.folds, progress)
     changes = [Change.of(one, robot) for one in stated]
+    taken = frozenset(one for change in changes for one in touched(change, robot))
+    search = SearchBeside(logs_of.bench, logs_of.folds, progress, taken=taken)
     start = logs_of.bench.nominal()
     if changes:
         start = logs_of.bench.moved(start.intervals, start.basis, tuple((change, np.ones(1)) for change in changes))
-    found = with_further(search, search.settle(search.judge(start)), changes)
+    found, others = search.with_further(search.settle(search.judge(start)))
     told = [judge_change(search, found, len(changes), k) for k in range(len(changes))]
-    further = zip(found.members, split_numbers(found.members, found.numbers), strict=True)
+    numbers = split_numbers(found.members, found.numbers)
+    further = zip(found.members[len(changes) :], numbers[len(changes) :], others, strict=True)
     whole = tuple(one.effect for one in stated)
     progress("step 2 of 2, errors of replays")
     remains, horizons = logs_of.errors_left(whole)
     return Judgement(
         tuple(told),
-        tuple(numbered(h, numbers) for h, numbers in list(further)[len(changes) :]),
+        tuple(", or ".join([numbered(h, own), *map(label_words, like)]) for h, own, like in further),
         found.unnamed / len(found.point.evidence.levels),
         horizons,
         remains,
@@ -177,23 +179,45 @@ def judge_correction(
     )
 
 
-def with_further(search: Search, found: Found, changes: Sequence[Change]) -> Found:
-    """The changes with the further effects that act beside them, whatever share of each change acts.
+@dataclass(frozen=True)
+class SearchBeside(Search):
+    """A search for what acts beside changes, whatever share of each acts."""
 
-    An effect that touches a number that a change touches is none of these: the share of the change stands for it.
+    taken: frozenset[tuple[str, int | str]] = frozenset()
+    """Numbers of the robot that changes touch: the share of a change stands for an effect that touches one."""
+
+    def with_further(self, found: Found) -> tuple[Found, list[list[str]]]:
+        """A set with the further effects that act; of each the labels of others that would do as well."""
+        others: list[list[str]] = []
+        while len(others) < MOST_CAUSES:
+            worth = [h for gain, h in screen(found.point) if gain > LEAST_GAIN and self.is_free(h)]
+            linear = [self.judge(found.point, [h]) for h in few_of_each(worth, 2)[: 2 * CLOSELY]]
+            tried = [one for one in self.promising(found, linear) if acts(one)]
+            best = max(tried, key=lambda one: one.worth, default=found)
+            if best.worth <= found.worth:
+                break
+            self.progress(f"also acts: {best.members[-1].label}")
+            like = [one.members[-1] for one in tried if one is not best and one.worth > best.worth - LEAST_GAIN]
+            others.append([h.label for h in few_of_each(like, 1) if h.name != best.members[-1].name])
+            found = best
+        return found, others
+
+    def far(self, part: Point) -> list[tuple[Hypothesis, np.ndarray]]:
+        """Effects in the drives far from nominal, without those that touch what a change touches."""
+        return [(h, numbers) for h, numbers in super().far(part) if self.is_free(h)]
+
+    def is_free(self, hypothesis: Hypothesis) -> bool:
+        """Whether no change stands for an effect."""
+        return not self.taken & touched(hypothesis, hypothesis.robot)
+
+
+def acts(found: Found) -> bool:
+    """Whether the newest number of a set is other than nominal within its range.
+
+    A number beyond the end at which its effect does nothing asks for the reverse of the effect, which no robot has.
     """
-    taken = {one for change in changes for one in touched(change, change.robot)}
-    while len(found.members) < len(changes) + MOST_CAUSES:
-        worth = [h for gain, h in screen(found.point) if gain > LEAST_GAIN]
-        worth = [h for h in few_of_each(worth, 2) if not taken & touched(h, h.robot)]
-        linear = sorted((search.judge(found.point, [h]) for h in worth[: 2 * CLOSELY]), key=lambda one: -one.worth)
-        tried = [search.settle(one) for one in linear[:CLOSELY]]
-        best = max(tried, key=lambda one: one.worth, default=found)
-        if best.worth <= found.worth:
-            break
-        search.progress(f"also acts: {best.members[-1].label}")
-        found = best
-    return found
+    newest, numbers = found.acting[-1]
+    return bool((numbers != newest.nominal).any())
 
 
 def touched(hypothesis: Hypothesis, robot: Robot) -> set[tuple[str, int | str]]:

@@ -203,8 +203,8 @@ def proposal_of(
 
 
 def same_trace(names: Sequence[str]) -> str:
-    """The beginning of a sentence on causes that logs leave open."""
-    return f"These logs leave the same trace for {' and '.join(names)}: "
+    """The beginning of a sentence on causes, two or more, that logs leave open."""
+    return f"These logs do not separate {', '.join(names[:-1])} and {names[-1]}: "
 
 
 def tells_apart(forecast: Forecast, today: float, rival_share: float, given: Given) -> bool:

@@ -158,9 +158,9 @@ class PairedSearch(Search):
             found = best
         return found
 
-    def ascend(self, now: Found, replay: bool = False) -> Found:
+    def ascend(self, now: Found) -> Found:
         """The answer from a set on, with one difference in place of two where that says as much."""
-        found = super().ascend(now, replay)
+        found = super().ascend(now)
         while (better := self.merged(found)) is not found:
             found = better
         return found

@@ -6,8 +6,9 @@ from leapgap.export.base import CorrectedRobot, exactly, literal
 SOURCE = '''\
 """A corrected robot for PACE 0.2 (`pace_sim2real`, on Isaac Lab 2.3).
 
-`actuator(dt, velocity_limit)` is the actuator of all joints; `parameters(order, dt)` are the numbers in the order in
-which PACE fits them: armature, viscous friction, friction and encoder bias of each joint, then one delay in steps.
+`actuator(order, dt, velocity_limit)` is the actuator of all joints in the `order` of the articulation, by which PACE
+reads encoder biases; `parameters(order, dt)` are the numbers in the order in which PACE fits them: armature, viscous
+friction, friction and encoder bias of each joint, then one delay in steps.
 """
 
 from pace_sim2real.utils import PaceDCMotorCfg
@@ -19,7 +20,7 @@ def delay_steps(physics_dt):
     return round(sum(low + high for low, high in DELAY_S.values()) / (2 * len(DELAY_S) * physics_dt))
 
 
-def actuator(physics_dt, velocity_limit, saturation_effort=None):
+def actuator(joint_order, physics_dt, velocity_limit, saturation_effort=None):
     """The actuator of all joints; the limit of speed is the maker's, which logs do not tell."""
     limit = max(EFFORT_LIMIT.values())
     return PaceDCMotorCfg(
@@ -33,7 +34,7 @@ def actuator(physics_dt, velocity_limit, saturation_effort=None):
         friction=FRICTION,
         dynamic_friction=FRICTION,
         viscous_friction=VISCOUS_FRICTION,
-        encoder_bias=list(ENCODER_BIAS.values()),
+        encoder_bias=[ENCODER_BIAS[NAMES[joint]] for joint in joint_order],
         max_delay=delay_steps(physics_dt),
     )
 

@@ -37,7 +37,7 @@ def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Fi
         values,
         [phases[p].replace("_", " ") for p in shown],
         order,
-        [[f"{v:.1f}" if v >= 0.05 else "" for v in row] for row in values],
+        [[f"{v:.1f}" if v >= 0.05 else "0" for v in row] for row in values],
         "%{y}, %{x}: %{z:.1f} % of the gap, at most from %{customdata[0]:.1f} to %{customdata[1]:.1f}",
         **{"colorscale": "OrRd", "zmin": 0, "customdata": intervals, "colorbar": {"title": "%"}},
     )
@@ -86,13 +86,14 @@ def similarities(alike: Similarity) -> go.Figure:
 
 
 def closures(report: ReportContent) -> go.Figure:
-    """Share of the gap that each hypothesis closes on held-out logs, with 95 % intervals.
+    """Share of the gap that each hypothesis closes on held-out logs, with 95 % intervals, in the order of the report.
 
     Blue are the selected effects, each at the place that was selected. They are the first causes of the report.
     """
-    causes = sorted(report.causes, key=lambda cause: cause.closure.value)
+    causes = report.causes[::-1]
+    closed = [cause.closure.capped_at_one for cause in causes]
     selected = {(cause.effect, cause.location) for cause in report.causes[: len(report.answer)]}
-    value = 100 * np.array([cause.closure.value for cause in causes])
+    value = 100 * np.array([one.value for one in closed])
     figure = go.Figure(
         go.Bar(
             x=value,
@@ -104,8 +105,8 @@ def closures(report: ReportContent) -> go.Figure:
                 "symmetric": False,
                 "color": "#4b5563",
                 "thickness": 1.4,
-                "array": 100 * np.array([c.closure.high for c in causes]) - value,
-                "arrayminus": value - 100 * np.array([c.closure.low for c in causes]),
+                "array": 100 * np.array([one.high for one in closed]) - value,
+                "arrayminus": value - 100 * np.array([one.low for one in closed]),
             },
             hovertemplate="%{y}: %{x:.0f} %<extra></extra>",
         )

@@ -88,6 +88,8 @@ def html(
         loudest=loudest(report.where)[:6],
         words=channel_words,
         sentence=sentence_words(report.sentence),
+        next_sentence=next_words(report),
+        sentence_words=sentence_words,
         effect_words=effect_words,
         parameter_words=parameter_words,
         title=channel_title,
@@ -107,6 +109,20 @@ def html(
         segments=[segment.name for segment in logs[0].info.segments],
         judged_until=max(log.time[-1] for log in logs),
     )
+
+
+def next_words(report: ReportContent) -> str:
+    """The sentence on the next experiment without names of code; empty where none is proposed."""
+    if report.next_experiment is None:
+        return ""
+    sentence = sentence_words(report.next_experiment["sentence"])
+    for one in report.next_experiment["expected"]:
+        if "number" in one:
+            parameter = one["number"].partition(".")[2]
+            sentence = sentence.replace(f"is {parameter} of", f"is {parameter_words(parameter)} of")
+        if channel := one.get("channel"):
+            sentence = sentence.replace(channel, channel_words(channel))
+    return sentence
 
 
 def number(value: float) -> str:
@@ -181,7 +197,7 @@ def tiles(
         if max(off) >= LEAST_CM:
             found.append(Tile(f"{off[0]:.1f}", f"{off[1]:.1f}" if answered else "", "cm", says))
     gap = brief(report.gap_corrected) if answered else ""
-    says = f"gap: error over channel size, rms of all channels (sensor noise alone: {brief(report.noise_floor)})"
+    says = f"gap: error over channel size, rms of all channels (sensor noise alone: about {brief(report.noise_floor)})"
     found.append(Tile(brief(report.gap_nominal), gap, "", says))
     seconds = sum(float(log.time[-1]) for log in logs)
     found.append(Tile(str(len(logs)), "", "logs", f"{seconds:.3g} s of motion"))

@@ -118,17 +118,20 @@ def test_practice_draws_goals_and_forces_of_its_own(still: Bench) -> None:
     assert len({trial.method.seed for trial in trials}) == 3  # type: ignore[attr-defined]
 
 
-def test_the_first_jumps_are_of_the_identified_robot_and_kicked_within_a_step(still: Bench) -> None:
+def test_the_first_jumps_are_of_the_identified_robot_exact_and_kicked_within_a_step(bench: Bench) -> None:
     identified = (effect("joint_damping", location="all", damping=0.7),)
-    method = method_of(still, NominalDeviation(A1_BODY), identified=identified)
+    method = method_of(bench, NominalDeviation(A1_BODY), identified=identified)
     rounds = PracticeRounds(distances_m=(0.5, 0.6), first_jumps=2, rounds=1)
-    plans = replace(method, references={Target(0.5): still.level, Target(0.6): still.level})
+    plans = replace(method, references={Target(0.5): bench.level, Target(0.6): bench.level})
     first, later = (
-        round_trials(still, plans, rounds, number, np.random.default_rng(1), "practice") for number in (0, 1)
+        round_trials(bench, plans, rounds, number, np.random.default_rng(1), "practice") for number in (0, 1)
     )
     assert len(first) == 4
     assert all(trial.effects == identified for trial in first)
     assert all(trial.task.kick_m_s > 0 and trial.task.kick_rad_s > 0 for trial in first)
     times = np.array([trial.task.disturbed_at_s[0] for trial in first])
     assert (times % method.config.period_s) == pytest.approx(method.config.period_s / 2)
-    assert all(trial.effects == still.effects and trial.task.kick_m_s == 0 for trial in later)
+    assert all(trial.effects == bench.effects and trial.task.kick_m_s == 0 for trial in later)
+    assert not any(any(vars(trial.world.sensing.noise).values()) for trial in first)
+    assert all(trial.world == bench.world for trial in later)
+    assert bench.world.sensing.noise.base_linvel_m_s > 0

@@ -1,6 +1,6 @@
 """Deviations from a plan: cut from logs with known ones, learned from a law written here, rolled out by hand."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -140,6 +140,36 @@ def test_jumps_that_count_more_decide() -> None:
         return float(recipe.fit(DeviationTask(pile, A1_BODY)).along(plain[0].steps).bias[10, 0])
 
     assert bias((1.0, 100.0)) - bias((100.0, 1.0)) > 0.7
+
+
+def test_a_robot_has_its_own_h_and_shares_the_slopes_of_simulated_jumps() -> None:
+    """Its jumps are pushed by 2 m/s² more, and no force or deviation of theirs tells what those do."""
+    rng = np.random.default_rng(4)
+    simulated = [replace(made_jump(rng, 0.5), simulated=True) for _ in range(30)]
+    plain = simulated[0]
+    own = []
+    for k, dt in enumerate(np.diff(TIMES)):  # one step each: it begins on the plan, and only its end shows h
+        error = np.zeros((37, 6))
+        error[k + 1, 3:] = dt * (law(TIMES[k], 0.5)[0] + [2.0, 0.0, 0.0])
+        own += 4 * [OneStep("own", plain.steps, error, 0 * plain.force, step=k)]
+    fit = deviation_recipes()["deviation_kernel"].fit
+    found = fit(DeviationTask([*simulated, *own], A1_BODY)).residual(plain.steps)
+    before = fit(DeviationTask(simulated, A1_BODY)).residual(plain.steps)
+    assert found.by_state is not None and before.by_state is not None
+    for k in (8, 14, 26):
+        assert found.bias[k, 0] - before.bias[k, 0] == pytest.approx(2.0, abs=0.4)
+        assert found.by_state[k] == pytest.approx(before.by_state[k], abs=0.5)
+
+
+@dataclass(frozen=True)
+class OneStep(DeviatingJump):
+    """A jump of which one step is learned from."""
+
+    step: int = 0
+
+    @property
+    def learned(self) -> np.ndarray:
+        return super().learned & (np.arange(len(self.steps)) == self.step)
 
 
 def test_deviations_are_cut_from_a_log_and_its_plan(reference: Log, robot: Robot) -> None:

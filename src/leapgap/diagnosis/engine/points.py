@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import mujoco
 import numpy as np
 
 from leapgap import effects
@@ -19,6 +20,7 @@ from leapgap.effects.base import Effect, overrides
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import joint_commands
 
 INTERVAL_S = 0.01
 """Length of an interval; one row, where that is longer."""
@@ -219,6 +221,14 @@ class Bench:
         return np.isin(np.arange(count), np.linspace(0, count - 1, kept).round())
 
     @cached_property
+    def otherwise(self) -> tuple[SimulationSettings, ...]:
+        """Settings of the simulation that may be others: no log tells how a controller computes its joint PD."""
+        contacts = OTHER_CONTACTS if self.robot.feet else ()
+        gains = [joint_commands(own.log, self.robot, "cmd_kd").max(axis=0) for own in self.states]
+        other = otherwise_integrated(self.robot, np.max(gains, axis=0), self.replayer.largest_step_s)
+        return contacts if other is None else (*contacts, other)
+
+    @cached_property
     def kinds(self) -> dict[str, Hypothesis]:
         """A hypothesis of every effect that has columns: those that are looked for, and those with a tolerance."""
         known = effects.known()
@@ -279,8 +289,8 @@ class Bench:
                     found[i] = float(size)
         quarter, present = QUARTER * self.states[0].log.info.sample_period_s, {key.effect for key in columns.keys}
         step = 0.0 if any(overrides(h.kind, "change_step") for h in self.hypotheses) else 1.0
-        half_step = 0.5 * self.replayer.own_step_s
-        others = [step, *([half_step] + [1.0] * len(OTHER_CONTACTS) if self.robot.feet else [])]
+        half_step = [0.5 * self.replayer.own_step_s] if self.robot.feet else []
+        others = [step, *half_step, *[1.0] * len(self.otherwise)]
         further = [quarter for name in LATE if name in present] + others
         found |= {len(columns.keys) + k: size for k, size in enumerate(further) if size > 0}
         return np.array([*found]), np.array([*found.values()])
@@ -294,7 +304,7 @@ class Bench:
         ]
 
     def other_simulations(self, intervals: Intervals, linearisation: Linearisation) -> list[np.ndarray]:
-        """What finer steps of the simulation, a late joint PD and other contacts change, (intervals, 2 nv, some) a log.
+        """What finer steps, a late joint PD and other settings change: nuisances, (intervals, 2 nv, some) a log.
 
         An explicit simulation holds the torques of its PD for a step, which is as if this answered states half a step
         late: damping of kp times half a step that no robot has.
@@ -305,10 +315,10 @@ class Bench:
         if self.robot.feet:
             for own, of_log in zip(found, late_feedback(intervals, linearisation), strict=True):
                 own.append(of_log[:, :, 0])
-            sets = [[(*own, other) for own in intervals.acting] for other in OTHER_CONTACTS]
-            for change in intervals.changes(sets, linearisation.transitions):
-                for own, of_log in zip(found, change, strict=True):
-                    own.append(of_log)
+        sets = [[(*own, other) for own in intervals.acting] for other in self.otherwise]
+        for change in intervals.changes(sets, linearisation.transitions) if sets else []:
+            for own, of_log in zip(found, change, strict=True):
+                own.append(of_log)
         return [np.stack(own, axis=2) for own in found]
 
     def errors(self, intervals: Intervals, basis: Basis) -> list[np.ndarray]:
@@ -402,6 +412,18 @@ def on_logs(intervals: Intervals, acting: Acting) -> list[Effects]:
         (*intervals.simulation, *(one for h, numbers in acting for one in h.on(log, numbers).on_model_ground()))
         for log in logs
     ]
+
+
+def otherwise_integrated(robot: Robot, kd: np.ndarray, step_s: float) -> SimulationSettings | None:
+    """The integrator by which a joint PD is computed once a step if the model's is implicit, and the other way round.
+
+    None where the damping ``kd`` (joints,) is none, or such a step would take more than a joint's speed from it.
+    """
+    euler = int(mujoco.mjtIntegrator.mjINT_EULER)
+    if robot.model.opt.integrator == euler:
+        return SimulationSettings(integrator=int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)) if kd.any() else None
+    is_stable = (kd * step_s < robot.model.dof_M0[robot.joint_dofs]).all()
+    return SimulationSettings(integrator=euler) if kd.any() and is_stable else None
 
 
 def in_drive(kind: type[Effect]) -> bool:

@@ -79,4 +79,4 @@ class Repetition(Experiment):
 
     def words(self, given: Given) -> str:
         """What to do: the same motions once more."""
-        return "log the same motions again"
+        return "record the same motions again"

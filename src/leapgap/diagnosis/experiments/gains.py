@@ -40,7 +40,7 @@ class OtherGains(Experiment):
 
     def words(self, given: Given) -> str:
         """What to do, with the factor and the gains that it gives."""
-        return f"log the same motions again with {self.factor:g} times the gains ({self.gains(given)})"
+        return f"record the same motions again with {self.factor:g} times the gains ({self.gains(given)})"
 
     def gains(self, given: Given) -> str:
         """``kp 40`` or a range over joints."""

@@ -57,7 +57,7 @@ class OtherJumps(Experiment):
         low, high = OTHER_BLOCKS_M
         centimetres = ", ".join(f"{100 * x:g}" for x in self.distances(given))
         return (
-            f"log {self.number(given)} further jumps, to {centimetres} cm, with the front feet on blocks "
+            f"record {self.number(given)} further jumps, to {centimetres} cm, with the front feet on blocks "
             f"of {100 * low:g} to {100 * high:g} cm"
         )
 

@@ -42,7 +42,7 @@ class FinerRate(Experiment):
     def words(self, given: Given) -> str:
         """What to do, with the rate in Hz."""
         rate = self.factor / min(log.info.sample_period_s for log in given.logs)
-        return f"log the same motions again at {rate:.0f} Hz"
+        return f"record the same motions again at {rate:.0f} Hz"
 
     @property
     def short(self) -> str:

@@ -36,7 +36,7 @@ class FurtherSensor(Experiment):
 
     def words(self, given: Given) -> str:
         """What to log, by the name of the sensor."""
-        return f"log {self.short.removeprefix('with ')} too"
+        return f"record {self.short.removeprefix('with ')} too"
 
     @property
     def short(self) -> str:

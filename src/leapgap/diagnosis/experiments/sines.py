@@ -85,7 +85,7 @@ class Sines(Experiment):
         size = f"{most:.2g}" if most - least < 0.05 * most else f"{least:.2g} to {most:.2g}"
         others = "all joints" if self.joints == given.joints else f"{names_of(self.joints, given.robot)} alone"
         return (
-            f"log {len(RATIOS)} sines of {self.length_s:g} s at {others}, {size} rad, {low:.2g} to {high:.2g} Hz, "
+            f"record {len(RATIOS)} sines of {self.length_s:g} s at {others}, {size} rad, {low:.2g} to {high:.2g} Hz, "
             f"{OtherGains(1.0).gains(given)}, about the pose of the logs"
         )
 

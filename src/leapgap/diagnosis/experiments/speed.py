@@ -46,7 +46,7 @@ class OtherSpeed(Experiment):
 
     def words(self, given: Given) -> str:
         """What to do, with the factor on the speed."""
-        return f"log the same motions again, {self.short}"
+        return f"record the same motions again, {self.short}"
 
     @property
     def short(self) -> str:

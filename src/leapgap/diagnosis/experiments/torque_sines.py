@@ -52,7 +52,7 @@ class TorqueSines(Experiment):
         """What to do, with torques in N·m and frequencies in Hz."""
         low, high = (self.frequency_hz * ratio for ratio in (RATIOS[0], RATIOS[-1]))
         return (
-            f"log {len(RATIOS)} sines of torque of {LOG_S:g} s at {names_of(self.joints, given.robot)}, "
+            f"record {len(RATIOS)} sines of torque of {LOG_S:g} s at {names_of(self.joints, given.robot)}, "
             f"{max(self.amplitude):.2g} N·m, {low:.2g} to {high:.2g} Hz, from the pose of the logs"
         )
 

@@ -26,6 +26,7 @@ from leapgap.jumping.learning.recipe import ModelSettings
 from leapgap.jumping.learning.registry import deviation_recipes
 from leapgap.jumping.models.deviation_model import DeviationModel
 from leapgap.jumping.task import Target
+from leapgap.simulation.sensors import SensorNoise
 
 
 @dataclass(frozen=True)
@@ -87,17 +88,17 @@ def practise(
         method = replace(nominal.taught(models[-1], landings[1:]), references=plans)
         trials = round_trials(bench, method, practice, number, rng, folder)
         weight = practice.on_policy_weight if number else 1.0
+        simulated = not number and method.identified is not None
         made, landed = list[DeviatingJump](), LandingSamples()
         for trial, result in zip(trials, bench.runner.results(trials), strict=True):
             landed = landed.extended_by(result.samples)
             flown = None if result.log is None else method.flown(result.log, trial.reference, result.samples)
             if flown is not None:
                 kicked_s = trial.task.disturbed_at_s[0] if trial.task.kick_m_s else None
-                made.append(deviating_jump(*flown, grid, bench.robot, weight, kicked_s))
+                made.append(deviating_jump(*flown, grid, bench.robot, weight, kicked_s, simulated))
         if not made:
             continue  # all fell, and teach nothing
         landings.append(landed)
-        simulated = not number and method.identified is not None
         rounds.append(replace(judged(made, models[-1]), simulated=simulated))
         jumps += made
         models.append(
@@ -119,15 +120,18 @@ def round_trials(
         block = practice.block_m if (i + number) % 2 else (0.0, 0.0)
         task, target = JumpTask("practice", x_m, block_m=block, slope_rad=practice.slope_rad), Target(x_m)
         force_seed, seed = (int(one) for one in rng.integers(2**31, size=2))
-        effects = bench.effects
+        effects, world = bench.effects, bench.world
         if simulated:
             task, effects = kicked(task, method.config.period_s, rng), method.identified or ()
+            world = replace(world, sensing=replace(world.sensing, noise=EXACT))
         place, plan = f"{bench.hardware}/{folder}/round_{number}_{i:02d}", method.references[target]
         own = replace(method, references={target: plan}).excited(excitation, force_seed)
-        trials.append(TrialSpec(place, task, own, plan, effects, bench.world, seed, with_log=True))
+        trials.append(TrialSpec(place, task, own, plan, effects, world, seed, with_log=True))
     return trials
 
 
+EXACT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""Of simulated jumps: noise of a velocity looks like one that fades within a step, and C is learned too large."""
 KICKED_S = (0.1, 0.75)
 """Range of the times of simulated kicks, since the start of the jump."""
 

@@ -34,6 +34,8 @@ class DeviatingJump:
     """How much it counts in a fit."""
     kicked: int | None = None
     """Step in which something sudden moved it, of which nothing is learned; None: none."""
+    simulated: bool = False
+    """Whether it is of the identified robot, and no jump of the robot itself."""
 
     @property
     def learned(self) -> np.ndarray:
@@ -62,7 +64,13 @@ def planned_steps(plan: Log, grid: TimeGrid, robot: Robot) -> PlannedSteps:
 
 
 def deviating_jump(
-    jump: Log, plan: Log, grid: TimeGrid, robot: Robot, weight: float = 1.0, kicked_s: float | None = None
+    jump: Log,
+    plan: Log,
+    grid: TimeGrid,
+    robot: Robot,
+    weight: float = 1.0,
+    kicked_s: float | None = None,
+    simulated: bool = False,
 ) -> DeviatingJump:
     """A jump that begins with the first row of its log, along its plan; kicked at ``kicked_s`` since its start."""
     times = grid.sample_times(schedule_of(plan))
@@ -72,7 +80,7 @@ def deviating_jump(
     force = mean_over_steps(jump, planned_forces(jump), times) - mean_over_steps(
         plan, planned_forces(plan) * stands, times
     )
-    return DeviatingJump(jump.name, planned_steps(plan, grid, robot), error, force, weight, kicked)
+    return DeviatingJump(jump.name, planned_steps(plan, grid, robot), error, force, weight, kicked, simulated)
 
 
 def deviation(jump: Log, plan: Log, times_s: np.ndarray) -> np.ndarray:

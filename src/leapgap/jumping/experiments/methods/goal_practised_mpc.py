@@ -134,10 +134,14 @@ class GoalPractisedMpcSettings(PractisedMpcSettings):
 
     rounds: int = 3
     """Of jumps by the MPC."""
-    simulated: int = 3
+    simulated: int = 6
     """Simulated jumps to each of its targets."""
-    kernel: DeviationKernelConfig = field(default_factory=lambda: DeviationKernelConfig(target_m=1.0, stance_rad=0.5))
-    """Smooth over goals and stances, for the jumps of each are few."""
+    on_policy_weight: float = 1.0
+    """As much as a simulated jump, which shows C and G better: it is kicked, and no feedback decides its forces."""
+    kernel: DeviationKernelConfig = field(
+        default_factory=lambda: DeviationKernelConfig(phase_s=0.1, target_m=1.0, stance_rad=0.5, ridge=0.3)
+    )
+    """Smooth over phase, goals and stances, for the jumps of each are few."""
 
     def start(self, name: str, rig: Rig) -> GoalMpcMethod:
         """Joint PD to goals that the training jumps taught."""
@@ -160,7 +164,9 @@ class GoalPractisedMpcSettings(PractisedMpcSettings):
     def rounds_of(self, rig: Rig) -> PracticeRounds:
         """Those of the learned MPC, fewer, and from blocks."""
         block_m = rig.settings.practice.block_m
-        return replace(super().rounds_of(rig), first_jumps=self.simulated, rounds=self.rounds, block_m=block_m)
+        first, weight = self.simulated, self.on_policy_weight
+        rounds = super().rounds_of(rig)
+        return replace(rounds, first_jumps=first, rounds=self.rounds, block_m=block_m, on_policy_weight=weight)
 
     @property
     def model_settings(self) -> dict[str, ModelSettings]:

@@ -33,11 +33,15 @@ class DeviationKernelConfig(ModelSettings):
     """Deviations whose effects are as large as h, m, rad, s."""
     force_unit_n: float = 40.0
     """Deviation of a force whose effect is as large as h."""
+    own_h: float = 1.0
+    """Variance of the h that the robot has beside that of the simulated jumps, over the variance of h; C and G are
+    shared."""
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing."""
-        if not all(0 < one < np.inf for one in (*self.scale, self.ridge, self.force_unit_n, *self.error_unit)):
-            raise ValueError("deviation_kernel: all above 0")
+        positive = (*self.scale, self.ridge, self.force_unit_n, *self.error_unit)
+        if not (all(0 < one < np.inf for one in positive) and 0 <= self.own_h < np.inf):
+            raise ValueError("deviation_kernel: all above 0, own_h not below")
 
     @property
     def scale(self) -> np.ndarray:
@@ -100,7 +104,11 @@ def places(steps: PlannedSteps, scale: np.ndarray) -> np.ndarray:
 
 
 def fit(jumps: Sequence[DeviatingJump], body: RigidBody, config: DeviationKernelConfig) -> DeviationKernel:
-    """(K + λ diag(σ² / weight)) a = y for each mode and velocity row; y is what the rigid body leaves of it."""
+    """(K + λ diag(σ² / weight)) a = y for each mode and velocity row; y is what the rigid body leaves of it.
+
+    Where some jumps are simulated, the others have a part of h of their own.
+    """
+    with_simulated = any(jump.simulated for jump in jumps)
     scale = config.scale
     unit = np.array([*config.error_unit, *[config.force_unit_n] * FORCES])
     landing_s = float(max(jump.steps.end_s[-1] for jump in jumps))
@@ -110,23 +118,29 @@ def fit(jumps: Sequence[DeviatingJump], body: RigidBody, config: DeviationKernel
         force = jump.force * per_axis(steps.pushing)
         by_body = np.einsum("nij,nj->ni", body.force_rows(steps.foot), force)
         known = np.concatenate([np.ones((len(steps), 1)), np.hstack([jump.error[:-1], force]) / unit], axis=1)
-        measured = (places(steps, scale), known, jump.acceleration - by_body, np.full(len(steps), jump.weight))
+        own_h = np.full(len(steps), config.own_h if with_simulated and not jump.simulated else 0.0)
+        by_weight = np.full(len(steps), jump.weight)
+        measured = (places(steps, scale), known, own_h, jump.acceleration - by_body, by_weight)
         modes, learned = mode_of(steps), jump.learned
         for name in np.unique(modes[learned]):
             mine = (modes == name) & learned
             rows.setdefault(str(name), []).append(tuple(values[mine] for values in measured))
     found = {}
     for name, parts in rows.items():
-        place, known, residual, weight = (np.concatenate(one) for one in zip(*parts, strict=True))
-        found[name] = fit_mode(place, known, residual, weight, config.ridge)
+        place, known, own_h, residual, weight = (np.concatenate(one) for one in zip(*parts, strict=True))
+        found[name] = fit_mode(place, known, own_h, residual, weight, config.ridge)
     return DeviationKernel(body, scale, unit, found, landing_s)
 
 
-def fit_mode(place: np.ndarray, known: np.ndarray, residual: np.ndarray, weight: np.ndarray, ridge: float) -> ModePart:
-    """One mode; ``known`` is w, (n, 11)."""
-    gram = gauss(place, place) * (known @ known.T)
+def fit_mode(
+    place: np.ndarray, known: np.ndarray, own_h: np.ndarray, residual: np.ndarray, weight: np.ndarray, ridge: float
+) -> ModePart:
+    """One mode; ``known`` is w, (n, 11), ``own_h`` the variance of an h that only these rows share, (n,)."""
+    gram = gauss(place, place) * (known @ known.T + np.sqrt(np.outer(own_h, own_h)))
     weights = np.linalg.solve(gram + ridge * np.diag(1 / weight), residual)
-    return ModePart(place, (known[:, :, None] * weights[:, None, :]).reshape(len(known), -1))
+    of_robot = known.copy()
+    of_robot[:, 0] += own_h
+    return ModePart(place, (of_robot[:, :, None] * weights[:, None, :]).reshape(len(known), -1))
 
 
 class DeviationKernelRecipe(DeviationRecipe):
