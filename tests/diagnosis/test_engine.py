@@ -209,15 +209,6 @@ def test_a_torque_limit_far_from_the_models_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_long_delay_between_the_numbers_that_are_tried_is_named(tmp_path: Path) -> None:
-    """Half a period of a joint: at a number half as large or twice, other effects explain more."""
-    logs, robot = pd_arms.logs(pd_arms.Truth(delay_s=0.126)), pd_arms.robot(tmp_path)
-    report = diagnose(logs, robot, Settings(engine="evidence", best=False), threads=1).report
-    assert (report.verdict, report.answer) == ("named", (("command_delay",),))
-    assert report.causes[0].parameters["delay_s"].value == pytest.approx(0.126, rel=0.02)
-
-
-@pytest.mark.long
 def test_a_force_that_no_effect_has_is_unknown(tmp_path: Path) -> None:
     """A spring in the elbow's cable that tugs with a torque by the angle, six times a turn: no cause is named."""
     robot = Robot.load(plain_arm.write_model(tmp_path))
