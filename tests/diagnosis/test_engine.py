@@ -14,7 +14,7 @@ from leapgap import effects
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.engine.evidence import posterior_of
 from leapgap.diagnosis.engine.intervals import Course, Intervals
-from leapgap.diagnosis.engine.points import Bench, otherwise_integrated
+from leapgap.diagnosis.engine.points import otherwise_integrated
 from leapgap.diagnosis.engine.responses import Columns, Displacements
 from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks, Filter, linearise, touching
 from leapgap.diagnosis.hypotheses import list_hypotheses
@@ -161,17 +161,17 @@ def end_of(own: Course, k: int, model: mujoco.MjModel, kd: float = plain_arm.KD)
 def test_a_joint_pd_may_be_computed_once_a_step_or_implicitly(arm: tuple[Robot, Intervals]) -> None:
     """What the other way changes, beside plain MuJoCo with the damper as a force, and in the implicit joint."""
     robot, intervals = arm
-    states = [own.states for own in intervals.courses]
-    bench = Bench(list_hypotheses([effects.known()["joint_damping"]], robot, None), {}, states, intervals.replayer)
+    other = otherwise_integrated(robot, np.full(2, plain_arm.KD), intervals.replayer.largest_step_s)
+    assert other is not None
     none = [np.zeros((own.intervals, 4)) for own in intervals.courses]
     intervals, linearisation = linearise(intervals, Chunks.of(intervals), none)
-    found = bench.other_simulations(intervals, linearisation)
+    (found,) = intervals.changes([[(other,) for _ in intervals.courses]], linearisation.transitions)
     implicit = mujoco.MjModel.from_xml_string(plain_arm.arm())
     explicit = mujoco.MjModel.from_xml_string(plain_arm.arm())
     implicit.dof_damping[:] += plain_arm.KD
     own, chosen = intervals.courses[0], range(5, intervals.courses[0].intervals, 20)
     plain = np.array([end_of(own, k, implicit, 0.0) - end_of(own, k, explicit) for k in chosen])
-    assert found[0][list(chosen)][:, :, -1] == pytest.approx(plain, abs=1e-3 * np.abs(plain).max())
+    assert found[0][list(chosen)] == pytest.approx(plain, abs=1e-3 * np.abs(plain).max())
     # A step that would take more than its speed from a joint is no way to compute it.
     assert otherwise_integrated(robot, np.zeros(2), 0.001) is None
     stiff = Robot.load(intervals.robot.path)

@@ -222,11 +222,12 @@ class Bench:
 
     @cached_property
     def otherwise(self) -> tuple[SimulationSettings, ...]:
-        """Settings of the simulation that may be others: no log tells how a controller computes its joint PD."""
-        contacts = OTHER_CONTACTS if self.robot.feet else ()
+        """Settings of a robot with feet that may be others: no log tells how a controller computes its joint PD."""
+        if not self.robot.feet:
+            return ()
         gains = [joint_commands(own.log, self.robot, "cmd_kd").max(axis=0) for own in self.states]
         other = otherwise_integrated(self.robot, np.max(gains, axis=0), self.replayer.largest_step_s)
-        return contacts if other is None else (*contacts, other)
+        return OTHER_CONTACTS if other is None else (*OTHER_CONTACTS, other)
 
     @cached_property
     def kinds(self) -> dict[str, Hypothesis]:
