@@ -34,7 +34,7 @@ def standing() -> tuple[Course, Columns, np.ndarray]:
     intervals, linearisation = linearise(intervals, Chunks.of(intervals), none)
     hypotheses = list_hypotheses([effects.known()[name] for name in KINDS], robot, None)
     (late,) = late_feedback(intervals, linearisation)
-    return intervals.courses[0], Columns.of(intervals, linearisation, hypotheses), late[:, :, 0]
+    return intervals.courses[0], Columns.of(intervals, linearisation, hypotheses), late
 
 
 def ends(own: Course, change: Change, scale: Callable[[list[str]], np.ndarray], held: int = 1) -> np.ndarray:

@@ -11,8 +11,8 @@ import pytest
 import leapgap as lg
 from leapgap import effects
 from leapgap.cli import main
+from leapgap.diagnosis.engine.search import Found
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.judge import acts
 from leapgap.effects.model_change import changes_between
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
@@ -81,7 +81,7 @@ def test_a_limit_that_limits_nothing_is_no_cause(tmp_path: Path) -> None:
     slew = Hypothesis(effects.known()["set_point_slew"], robot)
     for rate, is_acting in ((101.7, False), (100.0, False), (40.0, True)):
         found = SimpleNamespace(acting=((slew, slew.near(np.array([rate]), None)),))
-        assert acts(found) is is_acting, rate  # type: ignore[arg-type]
+        assert Found.departs(found, -1) is is_acting, rate  # type: ignore[arg-type]
 
 
 @pytest.mark.long

@@ -192,7 +192,7 @@ class SearchBeside(Search):
         while len(others) < MOST_CAUSES:
             worth = [h for gain, h in screen(found.point) if gain > LEAST_GAIN and self.is_free(h)]
             linear = [self.judge(found.point, [h]) for h in few_of_each(worth, 2)[: 2 * CLOSELY]]
-            tried = [one for one in self.promising(found, linear) if acts(one)]
+            tried = [one for one in self.promising(found, linear) if one.departs(-1)]
             best = max(tried, key=lambda one: one.worth, default=found)
             if best.worth <= found.worth:
                 break
@@ -209,15 +209,6 @@ class SearchBeside(Search):
     def is_free(self, hypothesis: Hypothesis) -> bool:
         """Whether no change stands for an effect."""
         return not self.taken & touched(hypothesis, hypothesis.robot)
-
-
-def acts(found: Found) -> bool:
-    """Whether the newest number of a set is other than nominal within its range.
-
-    A number beyond the end at which its effect does nothing asks for the reverse of the effect, which no robot has.
-    """
-    newest, numbers = found.acting[-1]
-    return bool((numbers != newest.nominal).any())
 
 
 def touched(hypothesis: Hypothesis, robot: Robot) -> set[tuple[str, int | str]]:

@@ -72,7 +72,7 @@ class Basis:
     """What is linearised about one robot."""
 
     about: Acting
-    """Its effects."""
+    """The effects about which everything is linearised, with their numbers."""
     hypotheses: Sequence[Hypothesis]
     """Effects that are looked for."""
     linearisation: Linearisation
@@ -314,12 +314,11 @@ class Bench:
         pairs = zip(intervals.by_short_steps.with_close(none).predicted, intervals.predicted, strict=True)
         found = [[tangent_difference(a, b, self.robot)] for a, b in pairs]
         if self.robot.feet:
-            for own, of_log in zip(found, late_feedback(intervals, linearisation), strict=True):
-                own.append(of_log[:, :, 0])
-        sets = [[(*own, other) for own in intervals.acting] for other in self.otherwise]
-        for change in intervals.changes(sets, linearisation.transitions) if sets else []:
-            for own, of_log in zip(found, change, strict=True):
-                own.append(of_log)
+            sets = [[(*own, other) for own in intervals.acting] for other in self.otherwise]
+            others = intervals.changes(sets, linearisation.transitions)
+            for change in (late_feedback(intervals, linearisation), *others):
+                for own, of_log in zip(found, change, strict=True):
+                    own.append(of_log)
         return [np.stack(own, axis=2) for own in found]
 
     def errors(self, intervals: Intervals, basis: Basis) -> list[np.ndarray]:

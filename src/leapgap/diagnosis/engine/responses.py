@@ -316,22 +316,25 @@ def closed_form(
         forces = [own for place in single if (own := kind.force(at, place)) is not None]
         if len(forces) < len(single):
             return None
-        of_steps = np.stack(forces, axis=1).reshape(-1, len(at.qvel) // steps, steps, at.qvel.shape[1])
-        found.append(of_steps.mean(axis=2))
+        of_intervals = means(np.stack(forces, axis=1), steps)
+        found.append(of_intervals.reshape(-1, *of_intervals.shape[2:]))
     return np.concatenate(found, axis=1)
 
 
+def means(force: np.ndarray, steps: int) -> np.ndarray:
+    """Means of a force (…, intervals × steps, nv) over the steps of each interval, (…, intervals, nv)."""
+    return np.asarray(force.reshape(*force.shape[:-2], -1, steps, force.shape[-1]).mean(axis=-2))
+
+
 def late_feedback(intervals: Intervals, linearisation: Linearisation) -> list[np.ndarray]:
-    """What the joint PD changes if the states that it answers are late, per second, (intervals, 2 nv, 1) a log."""
+    """What the joint PD changes if the states that it answers are late, per second, (intervals, 2 nv) a log."""
     torques = [
-        at.at_motors("all", at.within * (at.kp * at.velocity + at.kd * at.acceleration))[0].reshape(
-            -1, parts, at.qvel.shape[1]
-        )
+        means(at.at_motors("all", at.within * (at.kp * at.velocity + at.kd * at.acceleration))[0], parts)
         for at, parts in row_contexts(intervals)
     ]
     ends = np.cumsum([own.intervals for own in intervals.courses])
-    of_logs = np.split(np.concatenate([own.mean(axis=1) for own in torques]), ends[:-1])
-    return [of_force(linearisation, log, own)[:, :, None] for log, own in enumerate(of_logs)]
+    of_logs = np.split(np.concatenate(torques), ends[:-1])
+    return [of_force(linearisation, log, own) for log, own in enumerate(of_logs)]
 
 
 def of_force(linearisation: Linearisation, log: int, force: np.ndarray) -> np.ndarray:

@@ -126,6 +126,14 @@ class Found:
         numbers, replayed = split_numbers(self.members, self.numbers), dict(self.point.acting)
         return tuple((h, h.near(n, replayed.get(h))) for h, n in zip(self.members, numbers, strict=True))
 
+    def departs(self, member: int) -> bool:
+        """Whether a number of a member is other than nominal within its range.
+
+        One beyond the end at which its effect does nothing asks for the reverse of the effect, which no robot has.
+        """
+        h, numbers = self.acting[member]
+        return bool((numbers != h.nominal).any())
+
     def with_members(self, kept: Sequence[int]) -> "Found":
         """The set with some of its members, not yet replayed."""
         parts = split_numbers(self.members, self.numbers)
@@ -143,6 +151,11 @@ class Search:
     progress: Callable[[str], None]
     most: int = MOST_CAUSES
     """Largest number of causes that are found one by one."""
+
+    @cached_property
+    def feet(self) -> Planted:
+        """The feet that stand in the logs."""
+        return Planted.of(self.bench.intervals)
 
     def explore(self) -> tuple[Found, Found]:
         """The nominal robot, and the answer.
@@ -316,10 +329,13 @@ class Search:
             for name, by in CONTACTS
             if not settings.has(name)
         ]
-        gains, base = [one.predictive - now.predictive for one in tried], self.bench.glance(now.point, now.acting)
-        enough = max([LEAST_GAIN, *(LIKELY * own for own in gains)])
-        softer = [replace(now.point, intervals=own) for own in others[-1:]]
-        if all(self.bench.glance(one, now.acting) - base <= enough for one in softer):
+        if not others:
+            return now
+        gains = [one.predictive - now.predictive for one in tried]
+        by_given, by_softer = (
+            self.bench.glance(one, now.acting) for one in (now.point, replace(now.point, intervals=others[-1]))
+        )
+        if by_softer - by_given <= max([LEAST_GAIN, *(LIKELY * own for own in gains)]):
             return now
         linearised = (self.bench.linearised(own, now.acting, now.point.basis) for own in others)
         best = max([now, *map(self.judge, linearised)], key=lambda one: one.evidence)
@@ -384,8 +400,7 @@ class Search:
         """
         acting, known = on_logs(now.point.intervals, now.point.acting), {h.name for h in now.members}
         moving = [h for h in self.bench.hypotheses if moves_feet(h) and h.name not in known]
-        found = Planted.of(self.bench.intervals).numbers(acting, moving)
-        near = {h: numbers for gain, h, numbers in found if gain > SOME}
+        near = {h: numbers for gain, h, numbers in self.feet.numbers(acting, moving) if gain > SOME}
         sets = [(*now.point.acting, (h, near[h])) for h in few_of_each([*near], ALIKE)[:TRIED]]
         trials = list(zip(self.glances(self.part(now.point), now.point.acting, sets), sets, strict=True))
         trials.sort(key=lambda pair: -pair[0])
