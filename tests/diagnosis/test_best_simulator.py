@@ -129,7 +129,7 @@ def test_a_report_has_it_in_print_on_its_page_and_in_a_folder(report: Report, tm
     assert line.endswith(f"; {len(best.believed)} of its {len(best.numbers)} numbers are reliable")
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Use this model for prediction only." in page
-    assert page.count('<td class="bad">no</td>') == len(best.numbers) - len(best.believed)
+    assert page.count('<td data-is="reliable" class="bad">no</td>') == len(best.numbers) - len(best.believed)
     stored = read_json(tmp_path / "out" / "report.json")["best_simulator"]
     assert [one["why"] for one in stored["numbers"]] == [list(one.why) for one in best.numbers]
     robot, effects = read_corrected(tmp_path / "out" / "best")
