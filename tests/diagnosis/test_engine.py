@@ -46,26 +46,26 @@ def test_evidence_and_posterior_are_those_of_a_dense_gaussian() -> None:
 def test_whitened_errors_have_the_likelihood_of_the_whole_process() -> None:
     """State of two, one force, position measured four times: the filter agrees with the joint Gaussian.
 
-    What derivatives miss adds two independent errors in each step.
+    What derivatives miss adds two independent errors in each step; steps are of different lengths.
     """
     rng = np.random.default_rng(5)
-    steps, level, dt = 4, 0.6, 0.01
+    steps, level = 4, 0.6
+    stay = np.exp(-np.array([0.01, 0.03, 0.005, 0.02]) / CORRELATION_S)
     transition = rng.standard_normal((1, steps, 2, 2)) * 0.3 + np.eye(2)
     force = rng.standard_normal((1, steps, 2, 1))
     noise, start = rng.uniform(0.1, 0.4, (1, steps, 1)), np.array([[0.5, 0.3]])
     root = rng.standard_normal((steps, 2, 2)) * 0.2
     missed = (root @ root.transpose(0, 2, 1))[None]
-    own = Filter.of(transition, force, missed, noise, start, np.array([0]), level, dt)
+    own = Filter.of(transition, force, missed, noise, start, np.array([0]), level, stay[None])
     known, measured = rng.standard_normal((1, steps, 2, 1)) * 0.1, rng.standard_normal((1, steps, 1, 1))
     whitened = own.whiten(known, measured)
     found = -0.5 * ((whitened**2).sum() + own.log_determinant.sum() + steps * np.log(2 * np.pi))
     # Every state is a sum of independent unit numbers: two of the start, one force and its renewals, two of each step.
-    stay = np.exp(-dt / CORRELATION_S)
     forces = np.zeros((steps, 2 + steps))
     forces[0, 2] = level
     for k in range(1, steps):
-        forces[k] = stay * forces[k - 1]
-        forces[k, 2 + k] += level * np.sqrt(1 - stay**2)
+        forces[k] = stay[k - 1] * forces[k - 1]
+        forces[k, 2 + k] += level * np.sqrt(1 - stay[k - 1] ** 2)
     state, mean = np.zeros((2, 2 + 3 * steps)), np.zeros(2)
     forces = np.pad(forces, ((0, 0), (0, 2 * steps)))
     state[:, :2] = np.diag(start[0])

@@ -20,6 +20,7 @@ from leapgap.diagnosis.channels import displaced, tangent_difference
 from leapgap.diagnosis.short_rollouts import FINE, StateChannels, smooth_starts
 from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import ACTING, Effect, overrides, overriding
+from leapgap.logs.log import Log
 from leapgap.logs.state import States
 from leapgap.robot.dc_motors import has_current, has_temperature
 from leapgap.robot.model import Robot
@@ -45,6 +46,35 @@ MEMORY = 4
 
 
 @dataclass(frozen=True)
+class Shares:
+    """The rows of some intervals, one interval after the other."""
+
+    counts: np.ndarray
+    """Rows of each interval, (intervals,)."""
+    starts: np.ndarray
+    """The first of them, (intervals,)."""
+    lengths: np.ndarray
+    """Of each row, in any unit, (rows,)."""
+
+    @property
+    def each(self) -> np.ndarray:
+        """Number of the interval of each row, (rows,)."""
+        return np.repeat(np.arange(len(self.counts)), self.counts)
+
+    @property
+    def middles(self) -> np.ndarray:
+        """The middle of each row as a share of its interval, (rows,)."""
+        before = np.cumsum(self.lengths) - self.lengths
+        within = before - before[self.starts][self.each] + 0.5 * self.lengths
+        return np.asarray(within / np.add.reduceat(self.lengths, self.starts)[self.each])
+
+    def means(self, of_rows: np.ndarray) -> np.ndarray:
+        """Means (…, intervals, columns) over the time of each interval, from (…, rows, columns)."""
+        sums = np.add.reduceat(of_rows * self.lengths[:, None], self.starts, axis=-2)
+        return np.asarray(sums / np.add.reduceat(self.lengths, self.starts)[:, None])
+
+
+@dataclass(frozen=True)
 class Course:
     """Some segments of one log, cut into intervals, with the states from which these are replayed.
 
@@ -52,8 +82,6 @@ class Course:
     """
 
     states: States
-    every: int
-    """Rows of an interval."""
     segments: tuple[int, ...]
     """Number of intervals of each segment."""
     rows: np.ndarray
@@ -66,14 +94,14 @@ class Course:
     """Intervals that are replayed by short steps: a foot meets the ground or leaves it, bool (intervals,)."""
 
     @staticmethod
-    def of(states: States, every: int, segments: Sequence[np.ndarray], channels: StateChannels) -> "Course":
-        """Segments, arrays of consecutive intervals of ``every`` rows each; references are smoothed states."""
-        rows = np.concatenate([every * np.append(own, own[-1] + 1) for own in segments])
+    def of(states: States, segments: Sequence[np.ndarray], channels: StateChannels) -> "Course":
+        """Segments, arrays of the rows that begin and end their intervals; references are smoothed states."""
+        rows = np.concatenate(segments)
         starts, _ = smooth_starts(states.motion, rows.tolist(), states.log, channels.robot)
         reference = Motion.of_states(starts.states, channels.robot.model.nq)
         noise = channels.noise_in_rows(states.motion, states.log)[rows]
-        close = np.zeros(sum(map(len, segments)), bool)
-        return Course(states, every, tuple(map(len, segments)), rows, reference, noise, close)
+        lengths = tuple(len(own) - 1 for own in segments)
+        return Course(states, lengths, rows, reference, noise, np.zeros(sum(lengths), bool))
 
     def part(self, chosen: np.ndarray) -> "Course":
         """Some of the segments, bool (segments,)."""
@@ -93,6 +121,20 @@ class Course:
         """Instant at which each interval begins; it ends at the next one, (intervals,)."""
         lengths = np.array(self.segments)
         return np.arange(self.intervals) + np.repeat(np.arange(len(lengths)), lengths)
+
+    @cached_property
+    def lengths_s(self) -> np.ndarray:
+        """Length of each interval, to 1 ns as in time stamps, s, (intervals,)."""
+        instants = self.states.log.time[self.rows]
+        return np.round(instants[self.begins + 1] - instants[self.begins], 9)
+
+    def rows_within(self, which: np.ndarray) -> tuple[np.ndarray, "Shares"]:
+        """The rows of some intervals, one after the other, and their shares in these."""
+        first, after = self.rows[self.begins[which]], self.rows[self.begins[which] + 1]
+        counts = after - first
+        starts = np.cumsum(counts) - counts
+        rows = np.arange(counts.sum()) + np.repeat(first - starts, counts)
+        return rows, Shares(counts, starts, self.states.log.row_lengths[rows])
 
     @cached_property
     def segment_ends(self) -> np.ndarray:
@@ -127,22 +169,22 @@ class Intervals:
 
     @staticmethod
     def of(states: Sequence[States], replayer: Replayer, interval_s: float) -> "Intervals":
-        """Logs cut into intervals of a length, or of one row where that is longer, by the nominal robot.
+        """Logs cut into intervals of about a length, or of one row where that is longer, by the nominal robot.
 
         Of long logs segments are kept that are spread evenly, about ``MOST_S`` in all.
         """
         channels = StateChannels.of([own.log for own in states], replayer.robot)
         courses = []
         for own in states:
-            every = max(1, own.log.info.rows(interval_s))
-            count = (len(own.log) - 1) // every
+            ends = interval_ends(own.log, interval_s)
+            count = len(ends) - 1
             most_s = MOST_WITH_FEET_S if replayer.robot.feet else MOST_S
-            most = most_s / len(states) / (every * own.log.info.sample_period_s)
+            most = most_s / len(states) / np.round(np.diff(own.log.time[ends]).mean(), 9)
             length = int(np.clip(most, LEAST_SEGMENT, SEGMENT))
             parts = np.array_split(np.arange(count), max(1, -(-count // length)))
             kept = max(1, min(len(parts), round(most / length)))
             chosen = np.linspace(0, len(parts) - 1, kept).round().astype(int)
-            courses.append(Course.of(own, every, [parts[k] for k in chosen], channels))
+            courses.append(Course.of(own, [ends[np.append(parts[k], parts[k][-1] + 1)] for k in chosen], channels))
         return Intervals(channels, replayer, tuple(courses), ((),) * len(states))
 
     def part(self, chosen: Sequence[np.ndarray]) -> "Intervals":
@@ -163,9 +205,8 @@ class Intervals:
 
     @property
     def interval_s(self) -> float:
-        """Length of an interval, s."""
-        own = self.courses[0]
-        return float(own.every * own.states.log.info.sample_period_s)
+        """Usual length of an interval, s."""
+        return float(np.median(np.concatenate([own.lengths_s for own in self.courses])))
 
     def with_references(self, references: Sequence[Motion], residual: np.ndarray) -> "Intervals":
         """The same intervals from other states, which follow the logs by a force."""
@@ -238,12 +279,14 @@ class Intervals:
         """By how much effects in place of what acts change the reported states of one log, (intervals, 2 nv).
 
         What sensors misreport moves the true states at the beginning of each interval. Of a robot with feet these are
-        those of what acts, moved by ``transition``, exactly: feet stay as deep in the ground as they are.
+        those of what acts, moved by ``transition``, exactly: feet stay as deep in the ground as they are. Only what a
+        joint PD answers as well (a zero) is replayed, since what both do cancels but for the contacts.
         """
         acting, begins = self.acting[log], self.courses[log].begins
         late, before = self.misreported(log, effects), self.misreported(log, acting)
         memory = self.has_memory(log, effects) or self.has_memory(log, acting)
-        if not self.robot.feet and not memory:
+        zeros, other = ([one for one in of if is_answered(type(one))] for of in (effects, acting))
+        if not memory and (zeros != other or not self.robot.feet):
             return tangent_difference(self._reached(log, effects, late), self.predicted[log], self.robot)
         if moving(effects) == moving(acting):
             change = np.zeros((self.courses[log].intervals, 2 * self.robot.model.nv))
@@ -308,10 +351,13 @@ class Intervals:
             return found
         at = 0
         for length in own.segments:
-            motion = reference = own.reference[np.arange(at, at + length + 1)]
+            here = np.arange(at, at + length + 1)
+            motion = reference = own.reference[here]
+            if not own.states.log.is_even:
+                motion = replace(reference, time=own.states.log.time[own.rows[here]])
             for effect in sensing:
                 motion = effect.change_measured(motion, self.interval_s, self.robot)
-            found[at : at + length + 1] = tangent_difference(motion, reference, self.robot)
+            found[here] = tangent_difference(motion, reference, self.robot)
             at += length + 1
         return found
 
@@ -379,9 +425,28 @@ class Intervals:
         return PreparedIntervals(replayer, trial, lent, which.ravel(), controls, steps_until, *states)
 
 
+def interval_ends(log: Log, interval_s: float) -> np.ndarray:
+    """Rows at which intervals of about a length begin and end, of at least one row each, (intervals + 1,)."""
+    if log.is_even:
+        return np.arange(0, len(log), log.info.rows(interval_s))
+    ends, time = [0], log.time
+    while ends[-1] < len(log) - 1:
+        after = int(np.searchsorted(time, time[ends[-1]] + interval_s))
+        earlier = max(after - 1, ends[-1] + 1)
+        later = min(max(after, earlier), len(log) - 1)
+        is_later = abs(time[later] - time[ends[-1]] - interval_s) < abs(time[earlier] - time[ends[-1]] - interval_s)
+        ends.append(later if is_later else earlier)
+    return np.array(ends)
+
+
 def moving(effects: Effects) -> Effects:
     """Those effects that change the true motion."""
     return tuple(effect for effect in effects if any(overrides(type(effect), method) for method in ACTING))
+
+
+def is_answered(kind: type[Effect]) -> bool:
+    """Whether a joint PD answers what sensors misreport: replayed, as what both do cancels but for the contacts."""
+    return overrides(kind, "change_measured") and overrides(kind, "change_commands")
 
 
 class Models(ExitStack):
@@ -455,15 +520,14 @@ def roll(
     """
     robot = parts[0][0].replayer.robot
     models = [own.models[own.model_of[k]] for own, which in parts for k in which]
-    split = np.split(states, np.cumsum([len(which) for _, which in parts])[:-1])
+    ends = np.cumsum([len(which) for _, which in parts])[:-1]
+    split = np.split(states, ends)
     full = np.concatenate([own.full_states(which, of) for (own, which), of in zip(parts, split, strict=True)])
     longest = max(own.controls.shape[1] for own, _ in parts)
-    controls = np.concatenate(
-        [
-            np.pad(own.controls[which], ((0, 0), (0, longest - own.controls.shape[1]), (0, 0)), "edge")
-            for own, which in parts
-        ]
-    )
+    controls = np.zeros((len(states), longest, parts[0][0].controls.shape[2]))
+    for place, (own, which) in zip(np.split(np.arange(len(states)), ends), parts, strict=True):
+        steps = own.controls.shape[1]
+        controls[place, :steps], controls[place, steps:] = own.controls[which], own.controls[which, -1:]
     spec = int(mujoco.mjtState.mjSTATE_CTRL)
     if forces is not None:
         applied = np.broadcast_to(forces[:, None], (len(forces), longest, forces.shape[1]))

@@ -10,6 +10,7 @@ from leapgap.diagnosis.channels import displaced
 from leapgap.diagnosis.engine.intervals import Course, Effects, Intervals
 from leapgap.diagnosis.engine.points import prior_of
 from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.robust_least_squares import Products
 from leapgap.logs.stance import measured_stance
 from leapgap.robot.model import Robot
 from leapgap.simulation.rollout import Rollout
@@ -18,7 +19,7 @@ REACH_M = 0.15
 """Distance from the ground up to which a foot is looked for, m."""
 SLOW_M_S = 0.2
 """Speed of a foot below which it stands, m/s."""
-OFF_M = 0.002
+OFF_M = 0.001
 """By how much a foot that stands is off the ground or in it: feet are soft, and heights of bases noisy, m."""
 
 
@@ -62,27 +63,42 @@ class Planted:
     ) -> list[tuple[float, Hypothesis, np.ndarray]]:
         """How much nearer each effect alone brings the feet to the ground beside others on each log, with its numbers.
 
-        The first is half a sum of squared distances in ``OFF_M``; the best first. All feet may sink in by as much.
+        The first is by how much that is likelier, nats, by Student's distribution of the distances in ``OFF_M``: some
+        feet do not stand. The best first. All feet may sink in by as much.
         """
+        now = self.gaps(acting)
+        found = ((*self.numbers_about(acting, h, h.nominal, now), h) for h in hypotheses)
+        return sorted(((gain, h, own) for gain, own, h in found), key=lambda one: -one[0])
+
+    def numbers_about(
+        self, acting: Sequence[Effects], h: Hypothesis, near: np.ndarray, now: np.ndarray | None = None
+    ) -> tuple[float, np.ndarray]:
+        """The same of one effect, by how it moves the feet ``near`` some numbers, where the feet are ``now``."""
         names = [own.states.log.name for own in self.intervals.courses]
-        nominal, found = self.gaps(acting) / OFF_M, []
-        for h in hypotheses:
-            size, slopes = prior_of(h), []
-            for k, by in enumerate(h.moderate):
-                changed = h.nominal.copy()
-                changed[k] += by
-                sets = [(*own, *h.on(log, changed).on_model_ground()) for own, log in zip(acting, names, strict=True)]
-                slopes.append((self.gaps(sets) / OFF_M - nominal) / by * size[k])
-            every = np.stack([*slopes, np.ones(len(nominal))], axis=1)
-            near = np.isfinite(nominal) & np.isfinite(every).all(axis=1)
-            off, by_each = nominal[near], every[near]
-            whole, alone = (
-                np.linalg.solve(np.eye(of.shape[1]) + of.T @ of, -of.T @ off) for of in (by_each, by_each[:, -1:])
-            )
-            left = off + by_each @ whole
-            rest = off + by_each[:, -1] * alone
-            found.append((0.5 * float(rest @ rest - left @ left), h, h.clip(h.nominal + size * whole[:-1])))
-        return sorted(found, key=lambda one: -one[0])
+
+        def gaps_by(numbers: np.ndarray) -> np.ndarray:
+            sets = [(*own, *h.on(log, numbers).on_model_ground()) for own, log in zip(acting, names, strict=True)]
+            return self.gaps(sets) / OFF_M
+
+        base = gaps_by(near) if now is None else now / OFF_M
+        size, slopes = prior_of(h), []
+        for k, by in enumerate(h.moderate):
+            changed = near.copy()
+            changed[k] += by
+            slopes.append((gaps_by(changed) - base) / by * size[k])
+        moved = np.stack(slopes, axis=1)
+        off = base - moved @ ((near - h.nominal) / size)
+        columns = np.column_stack([off, moved, np.ones(len(off))])
+        columns = columns[np.isfinite(columns).all(axis=1), None]
+        (loss, weights), (without, _) = map(likeliest, (columns, columns[:, :, [0, -1]]))
+        return without - loss, h.clip(h.nominal + size * weights[:-1])
+
+
+def likeliest(columns: np.ndarray) -> tuple[float, np.ndarray]:
+    """Loss of distances (column 0), nats, by the numbers of the other columns that make them likeliest; the numbers."""
+    products, prior = Products.of(columns), np.ones(columns.shape[2] - 1)
+    weights = products.fit(prior, np.arange(len(columns)))
+    return products.penalised_loss(weights, prior), weights[1:]
 
 
 def stance_of(course: Course, robot: Robot) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Points of the search: a robot with some effects at some numbers, replayed, with columns that lead on from there."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,8 +10,14 @@ import numpy as np
 from leapgap import effects
 from leapgap.diagnosis.channels import tangent_difference
 from leapgap.diagnosis.engine.evidence import BLOCK_S, Blocks, Evidence, Whitened
-from leapgap.diagnosis.engine.intervals import Effects, Intervals
-from leapgap.diagnosis.engine.responses import Columns, Linearisation, late_feedback, rough_steps, shared
+from leapgap.diagnosis.engine.intervals import Effects, Intervals, is_answered
+from leapgap.diagnosis.engine.responses import (
+    Columns,
+    Linearisation,
+    late_feedback,
+    rough_steps,
+    shared,
+)
 from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
 from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.sensitivities import tolerance, usable
@@ -20,7 +26,7 @@ from leapgap.effects.base import Effect, overrides
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
-from leapgap.simulation.rollout import joint_commands
+from leapgap.simulation.rollout import Rollout, joint_commands
 
 INTERVAL_S = 0.01
 """Length of an interval; one row, where that is longer."""
@@ -239,6 +245,11 @@ class Bench:
                 found[name] = Hypothesis(known[name], self.robot)
         return found
 
+    @property
+    def of_feet(self) -> list[str]:
+        """Effects whose columns are told by references that follow the logs."""
+        return [name for name, h in self.kinds.items() if self.robot.feet and meets_ground(h.kind)]
+
     def nominal(self, wrong_zero: float = 0.0, simulation: tuple[SimulationSettings, ...] = ()) -> Point:
         """The nominal robot by some simulation; ``wrong_zero`` as in ``linearised``."""
         return self.linearised(self.intervals.simulated_by(simulation), (), None, wrong_zero)
@@ -256,7 +267,7 @@ class Bench:
         intervals, linearisation = linearise(intervals, self.chunks, offsets, wrong_zero)
         filters = tuple(filters_of(intervals, linearisation, self.chunks))
         known, present = None if before is None else before.columns, [h.name for h, _ in acting]
-        columns = Columns.of(intervals, linearisation, list(self.kinds.values()), known, present)
+        columns = Columns.of(intervals, linearisation, list(self.kinds.values()), known, present, self.of_feet)
         others = self.other_simulations(intervals, linearisation)
         parts = zip(columns.values, self.late(columns), others, strict=True)
         stacked = self.chunks.stack([np.concatenate(of_log, axis=2) for of_log in parts])
@@ -271,7 +282,7 @@ class Bench:
             *self.nuisances(columns),
             Blocks.of([own.log_determinant for own in filters], self.chunks.valid, self.chunks.log, per_block),
         )
-        return self.moved(intervals, basis, acting)
+        return self.moved(intervals, self.with_feet_moved(basis, intervals, acting), acting)
 
     def nuisances(self, columns: Columns) -> tuple[np.ndarray, np.ndarray]:
         """Indices of columns of what is off a little in every robot and simulation, and their standard deviations.
@@ -387,22 +398,101 @@ class Bench:
         """The point of a robot with other effects or numbers, with the columns of its effects made anew."""
         here = self.followed(intervals, basis, acting) if acting else intervals
         errors = self.errors(here, basis)
-        sets, sizes = [], []
+        if not acting:
+            return Point.of((), here, basis, errors, [own[..., :0] for own in errors])
+        sets: list[Acting] = []
+        sizes = []
         for m, (h, numbers) in enumerate(acting):
             for k, size in enumerate(small_steps(h, numbers)):
                 changed = numbers.copy()
                 changed[k] += size
-                sets.append(on_logs(here, (*acting[:m], (h, changed), *acting[m + 1 :])))
+                sets.append((*acting[:m], (h, changed), *acting[m + 1 :]))
                 sizes.append(size)
-        if not acting:
-            return Point.of((), here, basis, errors, [own[..., :0] for own in errors])
-        changes = here.changes(sets, basis.linearisation.transitions)
+        if self.robot.feet:
+            return Point.of(acting, here, basis, errors, self.by_following(here, basis, errors, sets, sizes))
+        changes = here.changes([on_logs(here, own) for own in sets], basis.linearisation.transitions)
         slopes = [
             np.stack([change[log] / size for change, size in zip(changes, sizes, strict=True)], axis=2)
             for log in range(len(here.courses))
         ]
         stacked = Chunks.of(here).stack(slopes)
         return Point.of(acting, here, basis, errors, [-of.whiten(stacked) for of in basis.filters])
+
+    def by_following(
+        self, here: Intervals, basis: Basis, errors: Whitened, sets: Sequence[Acting], sizes: Sequence[float]
+    ) -> Whitened:
+        """Columns of sets in place of those that act, which depart in one number by a size each.
+
+        By references that follow the logs anew: contacts of feet are far from linear in where these are.
+        """
+        return [(own - other) / sizes for own, other in zip(errors, self.errors_of(here, basis, sets), strict=True)]
+
+    def errors_of(self, near: Intervals, basis: Basis, sets: Sequence[Acting]) -> Whitened:
+        """Whitened errors of robots with other effects, one column each, by references that follow the logs.
+
+        Those with models of equal structure are followed side by side, as if each had logs of its own.
+        """
+        chunks = Chunks.of(near)
+        alike: dict[Hashable, list[int]] = {}
+        for k, own in enumerate(sets):
+            structure = (Rollout(near.courses[0].states.log, effects).structure for effects in on_logs(near, own))
+            alike.setdefault(tuple(structure), []).append(k)
+        steps, measured = (
+            np.zeros((len(chunks.log), chunks.longest, channels, len(sets)))
+            for channels in (2 * self.robot.model.nv, len(near.channels.state_entries))
+        )
+        for at in alike.values():
+            steps[..., at], measured[..., at] = self.missed_by(near, basis, [sets[k] for k in at])
+        return [own.whiten(steps, measured) for own in basis.filters]
+
+    def missed_by(self, near: Intervals, basis: Basis, sets: Sequence[Acting]) -> tuple[np.ndarray, np.ndarray]:
+        """What steps miss, and what is measured of the references, of each set, (chunks, longest, …, sets)."""
+        of, count = basis.linearisation, len(sets)
+        acting = tuple(effects for own in sets for effects in on_logs(near, own))
+        many = replace(near, courses=near.courses * count, acting=acting, residual=None)
+        side = Linearisation(
+            of.transitions * count, of.forces * count, of.missed * count, of.units, np.tile(of.gains, (count, 1, 1, 1))
+        )
+        chunks = Chunks.of(many)
+        many = follow(many, chunks, many.remembered(side.transitions), side)
+        steps, measured = (
+            np.moveaxis(np.array(np.split(chunks.stack(own), count)), 0, -1)
+            for own in (many.defects(side.transitions), many.innovations())
+        )
+        return steps, measured
+
+    def with_feet_moved(self, basis: Basis, here: Intervals, acting: Acting) -> Basis:
+        """The basis with columns of what moves feet, or the ground under them, by references that follow the logs."""
+        at, sets, sizes = [], [], []
+        for i, key in enumerate(basis.columns.keys):
+            if key.effect not in self.of_feet:
+                continue
+            by_place = self.by_place(basis, acting, key.effect)
+            h = replace(self.kinds[key.effect], location=key.place)
+            numbers = by_place.pop(h, h.nominal)
+            size = small_steps(h, numbers)[key.number]
+            changed = numbers.copy()
+            changed[key.number] += size
+            at.append(i)
+            sets.append((*(one for one in acting if one[0].name != key.effect), *by_place.items(), (h, changed)))
+            sizes.append(size)
+        if not at:
+            return basis
+        columns = self.by_following(here, basis, self.errors(here, basis), sets, sizes)
+        whitened = [own.copy() for own in basis.whitened]
+        for own, new in zip(whitened, columns, strict=True):
+            own[..., at] = new
+        return replace(basis, whitened=whitened)
+
+    def by_place(self, basis: Basis, acting: Acting, effect: str) -> dict[Hypothesis, np.ndarray]:
+        """An acting effect at every single place, with its numbers."""
+        members = basis.columns.members
+        return {
+            replace(h, location=place): numbers
+            for h, numbers in acting
+            if h.name == effect
+            for place in members[h.name, h.location]
+        }
 
 
 def on_logs(intervals: Intervals, acting: Acting) -> list[Effects]:
@@ -424,6 +514,11 @@ def otherwise_integrated(robot: Robot, kd: np.ndarray, step_s: float) -> Simulat
         return SimulationSettings(integrator=int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)) if kd.any() else None
     is_stable = (kd * step_s < robot.model.dof_M0[robot.joint_dofs]).all()
     return SimulationSettings(integrator=euler) if kd.any() and is_stable else None
+
+
+def meets_ground(kind: type[Effect]) -> bool:
+    """Whether an effect moves feet against the ground, or changes their contact with it."""
+    return is_answered(kind) or kind.places == "feet" or kind.name in ("ground_slope", "leg_geometry")
 
 
 def in_drive(kind: type[Effect]) -> bool:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
-from leapgap.diagnosis.engine.intervals import Course, Intervals
+from leapgap.diagnosis.engine.intervals import Course, Intervals, Shares, is_answered
 from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.short_rollouts import ROUGH
 from leapgap.effects.base import Commands, Effect, ForceContext, overrides
@@ -147,10 +147,12 @@ class Columns:
         hypotheses: Sequence[Hypothesis],
         known: "Columns | None" = None,
         acting: Sequence[str] = (),
+        elsewhere: Sequence[str] = (),
     ) -> "Columns":
         """Columns of all effects of some hypotheses at every single place, beside the effects that act already.
 
-        - Of effects ``acting`` the columns that are ``known`` stay, since none acts twice.
+        - Of effects ``acting`` the columns that are ``known`` stay, since none acts twice. Those that are told
+          ``elsewhere`` are zero.
         - An effect that acts as a torque along each joint by itself is replayed once, at all places; what it does is
           shared out among the joints by the responses to their torques.
         - One whose force is known in closed form does what the responses make of that force. (What sensors of a held
@@ -170,12 +172,17 @@ class Columns:
             single, numbers = members[name, "all"], range(len(h.parameters))
             new, first = [ColumnKey(name, k, place) for k in numbers for place in single], len(keys)
             keys += new
+            if name in elsewhere:
+                found += [[np.zeros((own.intervals, 2 * robot.model.nv)) for own in intervals.courses] for _ in new]
+                continue
             if name in acting:
                 assert known is not None
                 found += [[own[:, :, known.keys.index(key)] for own in known.values] for key in new]
                 continue
-            by_replay = not robot.feet and (h.kind.along_joints or overrides(h.kind, "change_measured"))
-            motion = by_row if h.kind.along_joints else [(context, 1)]
+            by_replay = is_answered(h.kind) or (
+                not robot.feet and (h.kind.along_joints or overrides(h.kind, "change_measured"))
+            )
+            motion = by_row if h.kind.along_joints else [(context, None)]
             forces = None if by_replay else closed_form(h.kind, single, motion)
             if forces is not None:
                 for key, force in zip(new, forces, strict=True):
@@ -240,8 +247,8 @@ def departed(hypothesis: Hypothesis, number: int, log: str = "") -> tuple[Effect
 def departure(hypothesis: Hypothesis, number: int) -> float:
     """A moderate departure from nominal; a small one of what changes the contacts of feet, far from linear in it."""
     kind = hypothesis.kind
-    contacts = hypothesis.robot.feet and any(overrides(kind, method) for method in ("change_model", "change_spec"))
-    return float(hypothesis.moderate[number] * (LITTLE if contacts else 1.0))
+    changed = is_answered(kind) or any(overrides(kind, method) for method in ("change_model", "change_spec"))
+    return float(hypothesis.moderate[number] * (LITTLE if changed and hypothesis.robot.feet else 1.0))
 
 
 def shared(change: np.ndarray, responses: np.ndarray) -> np.ndarray:
@@ -259,12 +266,17 @@ def force_context(intervals: Intervals) -> ForceContext:
     courses = intervals.courses
     begin = joined([own.reference[own.begins] for own in courses])
     change = tangent_difference(joined(intervals.predicted), begin, intervals.robot)
-    rows = [(own, own.rows[own.begins][:, None] + np.arange(own.every)) for own in courses]
-    return context_of(intervals, displaced(begin, 0.5 * change, intervals.robot), change, rows)
+    commands = []
+    for own in courses:
+        rows, shares = own.rows_within(np.arange(own.intervals))
+        commands.append([shares.means(of[rows]) for of in commands_of(own, intervals.robot)])
+    length = np.concatenate([own.lengths_s for own in courses])
+    motion = displaced(begin, 0.5 * change, intervals.robot)
+    return context_of(intervals.robot, motion, change, list(map(np.concatenate, zip(*commands, strict=True))), length)
 
 
-def row_contexts(intervals: Intervals) -> list[tuple[ForceContext, int]]:
-    """The same of every row, segment by segment, with the number of rows of each interval.
+def row_contexts(intervals: Intervals) -> list[tuple[ForceContext, Shares]]:
+    """The same of every row, segment by segment, with the shares of rows in their intervals.
 
     Torques of motors follow commands that change from row to row.
     """
@@ -274,29 +286,38 @@ def row_contexts(intervals: Intervals) -> list[tuple[ForceContext, int]]:
             at = np.arange(first, first + count)
             begin = own.reference[own.begins[at]]
             change = tangent_difference(intervals.predicted[log][at], begin, intervals.robot)
-            share = np.tile((np.arange(own.every) + 0.5) / own.every, count)[:, None]
-            each = np.repeat(np.arange(count), own.every)
-            motion = displaced(begin[each], share * change[each], intervals.robot)
-            rows = (own.rows[own.begins[at]][:, None] + np.arange(own.every)).reshape(-1, 1)
-            found.append((context_of(intervals, motion, change[each], [(own, rows)], own.every), own.every))
+            rows, shares = own.rows_within(at)
+            moved, length = change[shares.each], own.lengths_s[at][shares.each]
+            motion = displaced(begin[shares.each], shares.middles[:, None] * moved, intervals.robot)
+            commands = [of[rows] for of in commands_of(own, intervals.robot)]
+            found.append((context_of(intervals.robot, motion, moved, commands, length, shares), shares))
     return found
 
 
-def context_of(
-    intervals: Intervals, motion: Motion, change: np.ndarray, rows: Sequence[tuple[Course, np.ndarray]], parts: int = 1
-) -> ForceContext:
-    """A motion with the means of what is commanded in ``rows`` (steps, some) of some logs.
+def commands_of(course: Course, robot: Robot) -> list[np.ndarray]:
+    """Commands and gains of the joint PD in every row of a log, in the order of ``context_of``, (rows, joints) each."""
+    names = ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
+    return [joint_commands(course.states.log, robot, name) for name in names]
 
-    ``change`` (steps, 2 nv) is what each interval adds to the state; it has so many ``parts``.
+
+def context_of(
+    robot: Robot,
+    motion: Motion,
+    change: np.ndarray,
+    commands: Sequence[np.ndarray],
+    length_s: np.ndarray,
+    shares: Shares | None = None,
+) -> ForceContext:
+    """A motion with what is commanded in each step.
+
+    ``change`` (steps, 2 nv) is what the interval of each adds to the state in its length, s, (steps,). Steps are whole
+    intervals, or rows with ``shares`` in them.
     """
-    robot, length = intervals.robot, intervals.interval_s
-    tau, position, velocity, kp, kd = (
-        np.concatenate([joint_commands(own.states.log, robot, name)[of].mean(axis=1) for own, of in rows])
-        for name in ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")
-    )
-    acceleration, commands = change[:, robot.model.nv :] / length, Commands(tau, position, velocity)
-    moved = motion.qpos, motion.qvel, acceleration
-    return ForceContext(robot, robot.without_shapes, *moved, commands, kp, kd, length / parts)
+    tau, position, velocity, kp, kd = commands
+    parts = 1.0 if shares is None else float(np.median(shares.counts))
+    moved = motion.qpos, motion.qvel, change[:, robot.model.nv :] / length_s[:, None]
+    step_s = float(np.median(length_s)) / parts
+    return ForceContext(robot, robot.without_shapes, *moved, Commands(tau, position, velocity), kp, kd, step_s)
 
 
 def joined(motions: Sequence[Motion]) -> Motion:
@@ -305,32 +326,28 @@ def joined(motions: Sequence[Motion]) -> Motion:
 
 
 def closed_form(
-    kind: type[Effect], single: Sequence[str], motion: Sequence[tuple[ForceContext, int]]
+    kind: type[Effect], single: Sequence[str], motion: Sequence[tuple[ForceContext, Shares | None]]
 ) -> np.ndarray | None:
     """Force per unit of each number at each place, (numbers × places, intervals, nv); None where it is not known.
 
-    Parts of the motion come with the number of their steps in each interval.
+    Parts of the motion whose steps are rows come with the shares of these in intervals.
     """
     found = []
-    for at, steps in motion:
+    for at, shares in motion:
         forces = [own for place in single if (own := kind.force(at, place)) is not None]
         if len(forces) < len(single):
             return None
-        of_intervals = means(np.stack(forces, axis=1), steps)
+        stacked = np.stack(forces, axis=1)
+        of_intervals = stacked if shares is None else shares.means(stacked)
         found.append(of_intervals.reshape(-1, *of_intervals.shape[2:]))
     return np.concatenate(found, axis=1)
-
-
-def means(force: np.ndarray, steps: int) -> np.ndarray:
-    """Means of a force (…, intervals × steps, nv) over the steps of each interval, (…, intervals, nv)."""
-    return np.asarray(force.reshape(*force.shape[:-2], -1, steps, force.shape[-1]).mean(axis=-2))
 
 
 def late_feedback(intervals: Intervals, linearisation: Linearisation) -> list[np.ndarray]:
     """What the joint PD changes if the states that it answers are late, per second, (intervals, 2 nv) a log."""
     torques = [
-        means(at.at_motors("all", at.within * (at.kp * at.velocity + at.kd * at.acceleration))[0], parts)
-        for at, parts in row_contexts(intervals)
+        shares.means(at.at_motors("all", at.within * (at.kp * at.velocity + at.kd * at.acceleration))[0])
+        for at, shares in row_contexts(intervals)
     ]
     ends = np.cumsum([own.intervals for own in intervals.courses])
     of_logs = np.split(np.concatenate(torques), ends[:-1])

@@ -15,7 +15,7 @@ import numpy as np
 from leapgap.diagnosis.candidates import split_numbers
 from leapgap.diagnosis.engine.evidence import Blocks, Posterior, Whitened, posterior_of, predictive
 from leapgap.diagnosis.engine.planted import Planted
-from leapgap.diagnosis.engine.points import Acting, Bench, Point, on_logs, prior_of
+from leapgap.diagnosis.engine.points import Acting, Bench, Point, meets_ground, on_logs, prior_of
 from leapgap.diagnosis.engine.pruning import needed
 from leapgap.diagnosis.engine.responses import departed
 from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
@@ -401,7 +401,8 @@ class Search:
         acting, known = on_logs(now.point.intervals, now.point.acting), {h.name for h in now.members}
         moving = [h for h in self.bench.hypotheses if moves_feet(h) and h.name not in known]
         near = {h: numbers for gain, h, numbers in self.feet.numbers(acting, moving) if gain > SOME}
-        sets = [(*now.point.acting, (h, near[h])) for h in few_of_each([*near], ALIKE)[:TRIED]]
+        tried = few_of_each([*near], ALIKE)[:TRIED]
+        sets = [(*now.point.acting, (h, self.feet.numbers_about(acting, h, near[h])[1])) for h in tried]
         trials = list(zip(self.glances(self.part(now.point), now.point.acting, sets), sets, strict=True))
         trials.sort(key=lambda pair: -pair[0])
         return [self.settle(self.moved(now.point, acting)) for _, acting in trials[:2]]
@@ -548,9 +549,8 @@ def few_of_each(hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]
 
 
 def moves_feet(hypothesis: Hypothesis) -> bool:
-    """Whether an effect moves the feet, or the ground under them."""
-    kind = hypothesis.kind
-    return overrides(kind, "change_measured") or kind.places == "feet" or kind.name in ("ground_slope", "leg_geometry")
+    """Whether an effect moves the feet as they are reported, or the ground under them."""
+    return overrides(hypothesis.kind, "change_measured") or meets_ground(hypothesis.kind)
 
 
 def describe(found: Found) -> str:

@@ -101,31 +101,30 @@ class Filter:
         start: np.ndarray,
         entries: np.ndarray,
         level: float,
-        interval_s: float,
+        stay: np.ndarray,
     ) -> "Filter":
         """Gains for transitions (chunks, longest, n, n), force responses (…, n, nv), noise (…, channels).
 
+        ``stay`` (chunks, longest) is the share of a force that is left at the end of each interval.
         ``start`` (chunks, n) is the standard deviation of the first departure; ``entries`` of the state are measured.
         """
         chunks, longest, n, nv = forces.shape
         size = n + nv
-        stay = np.exp(-interval_s / CORRELATION_S)
         full = np.zeros((chunks, longest, size, size))
         full[:, :, :n, :n], full[:, :, :n, n:] = transitions, forces
-        full[:, :, range(n, size), range(n, size)] = stay
+        full[:, :, range(n, size), range(n, size)] = stay[:, :, None]
         covariance = np.zeros((chunks, size, size))
         covariance[:, range(n), range(n)] = start**2
         covariance[:, range(n, size), range(n, size)] = level**2
-        added = np.zeros(size)
-        added[n:] = level**2 * (1 - stay**2)
-        added[:n] = 1e-14
+        added = np.full((chunks, longest, size), 1e-14)
+        added[:, :, n:] = level**2 * (1 - stay[:, :, None] ** 2)
         gains = np.zeros((chunks, longest, size, len(entries)))
         roots = np.zeros((chunks, longest, len(entries), len(entries)))
         determinants = np.zeros((chunks, longest))
         measured, eye = range(len(entries)), np.eye(len(entries))
         for k in range(longest):
             covariance = full[:, k] @ covariance @ full[:, k].transpose(0, 2, 1)
-            covariance[:, range(size), range(size)] += added
+            covariance[:, range(size), range(size)] += added[:, k]
             covariance[:, :n, :n] += missed[:, k]
             innovation = covariance[:, entries[:, None], entries]
             innovation[:, measured, measured] += noise[:, k] ** 2
@@ -184,15 +183,18 @@ def noise_at_ends(intervals: Intervals, chunks: Chunks) -> np.ndarray:
     return np.where(chunks.valid[:, :, None], noise, 1.0)
 
 
+def staying(intervals: Intervals, chunks: Chunks) -> np.ndarray:
+    """Share of a force without a name that is left at the end of each interval, (chunks, longest)."""
+    return np.asarray(np.exp(-chunks.stack([own.lengths_s for own in intervals.courses]) / CORRELATION_S))
+
+
 def filters_of(intervals: Intervals, linearisation: Linearisation, chunks: Chunks) -> list[Filter]:
     """The filter at every level."""
     entries = intervals.channels.state_entries
     of = linearisation
     transitions, forces, missed = (chunks.stack(list(own)) for own in (of.transitions, of.forces, of.missed))
-    start, noise = start_deviation(intervals, chunks), noise_at_ends(intervals, chunks)
-    return [
-        Filter.of(transitions, forces, missed, noise, start, entries, level, intervals.interval_s) for level in LEVELS
-    ]
+    start, noise, stay = (of(intervals, chunks) for of in (start_deviation, noise_at_ends, staying))
+    return [Filter.of(transitions, forces, missed, noise, start, entries, level, stay) for level in LEVELS]
 
 
 class Reaching:
@@ -289,6 +291,7 @@ class Following:
         self.force = np.zeros((len(chunks.log), self.nv))
         self.forces: list[np.ndarray] = []
         self.zeros = np.zeros((len(chunks.log), len(zero_entries(own))))
+        self.stay = staying(own, chunks)
 
     def chunks_at(self, k: int) -> np.ndarray:
         """Chunks that have a ``k``-th interval, log by log."""
@@ -327,7 +330,7 @@ class Following:
         missed = tangent_difference(measured, base, own.robot)
         missed[:, zero_entries(own)] -= self.zeros[order]
         moved = (gain @ missed[:, own.channels.state_entries, None])[:, :, 0]
-        self.force[order] = np.exp(-own.interval_s / CORRELATION_S) * self.force[order] + moved[:, n : n + self.nv]
+        self.force[order] = self.stay[order, k, None] * self.force[order] + moved[:, n : n + self.nv]
         self.forces.append(self.force[order])
         self.zeros[order] += moved[:, n + self.nv :]
         following = displaced(base, moved[:, :n], own.robot)
@@ -384,12 +387,10 @@ def linearised_along(
     of_force, of_zeros = np.arange(n, n + nv), np.arange(n + nv, size)
     units = force_units(intervals)
     noise = noise_at_ends(intervals, chunks)
-    stay = np.exp(-intervals.interval_s / CORRELATION_S)
     covariance = np.zeros((len(chunks.log), size, size))
     covariance[:, range(n), range(n)] = start_deviation(intervals, chunks) ** 2
     covariance[:, of_force, of_force] = level**2
     covariance[:, of_zeros, of_zeros] = wrong_zero**2
-    added = np.concatenate([np.full(n, 1e-14), np.full(nv, level**2 * (1 - stay**2)), np.zeros(len(zeros))])
     seen = np.zeros((len(entries), size))
     seen[range(len(entries)), entries] = 1
     seen[np.searchsorted(entries, zeros), of_zeros] = 1
@@ -400,6 +401,7 @@ def linearised_along(
         force = following.force[order] * units
         close, base = following.meet(k, order, force)
         full, bent = np.zeros((len(order), size, size)), np.zeros((len(order), n, n))
+        stay = following.stay[order, k, None]
         full[:, of_force, of_force] = stay
         full[:, of_zeros, of_zeros] = 1
         roots = root_of_states(covariance[order], n + nv)
@@ -413,7 +415,8 @@ def linearised_along(
                 reached = by.reach(k, order[own], starts, forces)
                 full[own, :n, :n], full[own, :n, n : n + nv], bent[own] = displacements.derivatives(reached, robot)
         spread = full @ covariance[order] @ full.transpose(0, 2, 1)
-        spread[:, range(size), range(size)] += added
+        spread[:, of_force, of_force] += level**2 * (1 - stay**2)
+        spread[:, range(n), range(n)] += 1e-14
         spread[:, :n, :n] += bent
         cross = seen @ spread
         innovation = cross @ seen.T
