@@ -16,6 +16,8 @@ BEYOND = 0.05
 """A stop yields, and encoders have biases: further beyond an end than this share of the range, it is no stop."""
 ROWS = 3
 """So many rows have to lie there: a single one may be an outlier."""
+YIELDS_S = 0.1
+"""So long they have to last, s: a leg that is thrown against a stop comes back sooner (MuJoCo's take 0.02 s)."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class Reach:
     joint: str
     lowest: float
     highest: float
-    """Of the logs, rad or m, without outliers of fewer rows than ``ROWS``."""
+    """Of the logs, rad or m, without what lasts less than ``ROWS`` or ``YIELDS_S``."""
     range: tuple[float, float]
     """Ends of the joint's range in the model, rad or m."""
 
@@ -53,10 +55,11 @@ def reaches(logs: Sequence[Log], robot: Robot) -> list[Reach]:
     model, found = robot.model, []
     for joint in robot.joints:
         at, column = model.joint(joint).id, f"joint_pos/{joint}"
-        sorted_rows = [np.sort(log[column]) for log in logs if column in log and len(log) >= ROWS]
-        if model.jnt_limited[at] and sorted_rows:
+        rows = [(np.sort(log[column]), max(ROWS, log.info.rows(YIELDS_S))) for log in logs if column in log]
+        lasting = [(of[few - 1], of[-few]) for of, few in rows if len(of) >= few]
+        if model.jnt_limited[at] and lasting:
             low, high = (float(end) for end in model.jnt_range[at])
-            lowest, highest = min(of[ROWS - 1] for of in sorted_rows), max(of[-ROWS] for of in sorted_rows)
+            lowest, highest = min(least for least, _ in lasting), max(most for _, most in lasting)
             found.append(Reach(joint, float(lowest), float(highest), (low, high)))
     return found
 

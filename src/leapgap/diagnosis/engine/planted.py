@@ -21,6 +21,8 @@ SLOW_M_S = 0.2
 """Speed of a foot below which it stands, m/s."""
 OFF_M = 0.001
 """By how much a foot that stands is off the ground or in it: feet are soft, and heights of bases noisy, m."""
+FURTHEST = 3.0
+"""Times ``OFF_M`` that all feet may sink in by, and prior deviations that a number may depart by."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class Planted:
         """How much nearer each effect alone brings the feet to the ground beside others on each log, with its numbers.
 
         The first is by how much that is likelier, nats, by Student's distribution of the distances in ``OFF_M``: some
-        feet do not stand. The best first. All feet may sink in by as much.
+        feet do not stand. The best first. All feet may sink in a little by as much.
         """
         now = self.gaps(acting)
         found = ((*self.numbers_about(acting, h, h.nominal, now), h) for h in hypotheses)
@@ -97,7 +99,7 @@ class Planted:
 def likeliest(columns: np.ndarray) -> tuple[float, np.ndarray]:
     """Loss of distances (column 0), nats, by the numbers of the other columns that make them likeliest; the numbers."""
     products, prior = Products.of(columns), np.ones(columns.shape[2] - 1)
-    weights = products.fit(prior, np.arange(len(columns)))
+    weights = products.fit(prior, np.arange(len(columns)), furthest=FURTHEST)
     return products.penalised_loss(weights, prior), weights[1:]
 
 

@@ -389,6 +389,17 @@ class Bench:
         point = Point.of((), here, basis, errors, [own[..., :0] for own in errors])
         return point.evidence.at_best_levels(*point.priors()).posterior(*point.priors()).evidence
 
+    def glances(self, near: Point, sets: Sequence[Acting]) -> list[float]:
+        """The same of several robots; those with feet are followed side by side."""
+        if not (self.robot.feet and sets):
+            return [self.glance(near, own) for own in sets]
+        errors, found = self.errors_of(near.intervals, near.basis, sets), []
+        for k in range(len(sets)):
+            own = [of[..., k : k + 1] for of in errors]
+            point = Point.of((), near.intervals, near.basis, own, [of[..., :0] for of in own])
+            found.append(point.evidence.at_best_levels(*point.priors()).posterior(*point.priors()).evidence)
+        return found
+
     def by_columns(self, near: Point, acting: Acting) -> Point:
         """The point of a robot with other effects or numbers, with the columns of its effects as they are near by."""
         here, basis = self.followed(near.intervals, near.basis, acting), near.basis

@@ -45,6 +45,8 @@ LIKELY = 0.5
 """Share of the gain of the best set that another has to have by its columns to be replayed."""
 TRIED = 12
 """Number of effects that are replayed because they bring feet to the ground."""
+FACTORS = (0.5, 0.8, 1.25, 2.0)
+"""Times nominal at which effects of contacts are tried."""
 CONTACTS = (("other_cone", 1.0), ("friction_impedance", 0.1))
 """Settings of contacts with the factors by which they are tried."""
 AT_LEAST = 4.0
@@ -179,14 +181,14 @@ class Search:
         return start, self.linearised_about(answer) if answer.members and answer.unnamed > SOME else answer
 
     def ascend(self, now: Found) -> Found:
-        """The answer from a set without effects on."""
+        """The answer from a set without effects on.
+
+        What moves feet comes first where those that stand are not on the ground: there, nothing else has its contacts.
+        """
         while len(now.members) < self.most:
-            worth = [*stretched(now.point), *(h for gain, h in self.screened(now) if gain > WORTH_A_LOOK)]
-            linear = [self.judge(now.point, [h]) for h in few_of_each(worth, ALIKE)[:SHORTLIST]]
-            linear.sort(key=lambda one: -one.worth)
-            tried = self.promising(now, linear)
-            if now.unexplained and self.bench.robot.feet:
-                tried += self.planted(now)
+            tried = self.planted(now) if now.unexplained and self.bench.robot.feet else []
+            if all(one.worth <= now.worth for one in tried):
+                tried = self.by_columns(now)
             simulated = self.otherwise_simulated(now, tried)
             if simulated is not now:
                 now = replace(simulated, rivals=now.rivals)
@@ -209,6 +211,13 @@ class Search:
                 break
             now = replace(self.without_idle(best), rivals=rivals)
         return now
+
+    def by_columns(self, now: Found) -> list[Found]:
+        """The set with one effect more, the likeliest by columns and by replays far from nominal."""
+        worth = [*stretched(now.point), *(h for gain, h in self.screened(now) if gain > WORTH_A_LOOK)]
+        linear = [self.judge(now.point, [h]) for h in few_of_each(worth, ALIKE)[:SHORTLIST]]
+        linear.sort(key=lambda one: -one.worth)
+        return self.promising(now, linear)
 
     def screened(self, now: Found) -> list[tuple[float, Hypothesis]]:
         """Further hypotheses by ``screen``.
@@ -274,6 +283,7 @@ class Search:
                 max(zip(self.glances(part, now.acting, pair), pair, strict=True), key=itemgetter(0)) for pair in far
             ]
             gains = list(map(max, gains, self.glances(part, now.acting, sets)))
+            nearer += self.touching(now, part)
             gains += [gain for gain, _ in nearer]
             sets += [own for _, own in nearer]
         found: list[Found] = []
@@ -290,8 +300,8 @@ class Search:
 
     def glances(self, part: Point, acting: Acting, sets: Sequence[Acting]) -> list[float]:
         """Evidence that robots with other effects at just some numbers gain, as of all logs, nats."""
-        base, share = self.bench.glance(part, acting), self.bench.some.mean()
-        return [(self.bench.glance(part, one) - base) / share for one in sets]
+        (base, *found), share = self.bench.glances(part, [acting, *sets]), self.bench.some.mean()
+        return [(one - base) / share for one in found]
 
     def far(self, part: Point) -> list[Acting]:
         """Effects in the drives with numbers far from nominal that by their columns gain most, two numbers of each.
@@ -314,6 +324,24 @@ class Search:
             ((h, numbers), (h, h.near(h.nominal + times * (numbers - h.nominal), numbers)))
             for h, numbers, times in map(best.__getitem__, labels)
         ]
+
+    def touching(self, now: Found, part: Point) -> list[tuple[float, Acting]]:
+        """The set with an effect of the feet's contacts at the likeliest of several numbers and places, and its gain.
+
+        Contacts are far from linear: a foot that sinks in further meets the ground earlier.
+        """
+        known, found = {h.name for h in now.members}, []
+        for h in self.bench.hypotheses if self.bench.robot.feet else ():
+            if h.location != "all" or h.name in known or not changes_contacts(h):
+                continue
+            sets = [(*now.acting, (h, h.nominal * by)) for by in FACTORS]
+            gain, best = max(zip(self.glances(part, now.acting, sets), sets, strict=True), key=itemgetter(0))
+            if gain > LEAST_GAIN:
+                places = [one for one in self.bench.hypotheses if one.name == h.name and one is not h]
+                sets = [(*now.acting, (one, best[-1][1])) for one in places]
+                pairs = [(gain, best), *zip(self.glances(part, now.acting, sets), sets, strict=True)]
+                found.append(max(pairs, key=itemgetter(0)))
+        return found
 
     def otherwise_simulated(self, now: Found, tried: Sequence[Found]) -> Found:
         """The same set by other contacts of the simulation, where these gain more than sets that were tried.
@@ -546,6 +574,11 @@ def few_of_each(hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]
         if seen[h.name] <= most:
             found.append(h)
     return found
+
+
+def changes_contacts(hypothesis: Hypothesis) -> bool:
+    """Whether an effect is of the contacts of feet, and not of the ground under them."""
+    return hypothesis.kind.places == "feet" and not overrides(hypothesis.kind, "change_spec")
 
 
 def moves_feet(hypothesis: Hypothesis) -> bool:
