@@ -35,9 +35,13 @@ def test_a_gap_closed_beyond_its_noise_floor_is_said_to_be_all_of_it(robot: Robo
     selected = Candidate((damping,), np.array([0.4]), np.eye(1), np.array([[0.4]]))
     conclusion = Conclusion("named", (("joint_damping",),), (selected,), (1.0,))
     logs = ["jump_0", "jump_1"]
-    words = sentence(conclusion, selected, 1.40, HeldOutFigures(np.zeros(2), 0.11, Interval(1.08, 1.03, 1.13)), logs)
+    words = sentence(
+        conclusion, selected, 1.40, 0.05, HeldOutFigures(np.zeros(2), 0.11, Interval(1.08, 1.03, 1.13)), logs
+    )
     assert words.endswith("explains all of the gap on held-out logs: it falls from 1.40 to 0.11.")
-    words = sentence(conclusion, selected, 1.40, HeldOutFigures(np.zeros(2), 0.31, Interval(0.85, 0.80, 0.91)), logs)
+    words = sentence(
+        conclusion, selected, 1.40, 0.05, HeldOutFigures(np.zeros(2), 0.31, Interval(0.85, 0.80, 0.91)), logs
+    )
     assert "explains 85 % (95 %: 80 to 91) of the gap on held-out logs: it falls from" in words
 
 
@@ -46,7 +50,7 @@ def test_ten_causes_make_no_sentence_of_ten(robot: Robot) -> None:
     selected = Candidate((damping,) * 6, np.full(6, 0.4), np.eye(6), np.full((1, 6), 0.4))
     conclusion = Conclusion("named", (("joint_damping",),) * 6, (selected,), (1.0,) * 6)
     figures = HeldOutFigures(np.zeros(2), 0.31, Interval(0.85, 0.80, 0.91))
-    words = sentence(conclusion, selected, 1.40, figures, ["jump_0", "jump_1"])
+    words = sentence(conclusion, selected, 1.40, 0.05, figures, ["jump_0", "jump_1"])
     assert words.count("viscous friction") == 3
     assert " and 3 further causes explain 85 %" in words
 
@@ -56,12 +60,23 @@ def test_where_another_simulation_explains_the_gap_its_gap_is_told(robot: Robot)
     conclusion = Conclusion("none", (), other_simulation=other)
     figures = HeldOutFigures(np.zeros(2), 0.31, Interval(0.0, 0.0, 0.0))
     words = sentence(
-        conclusion, Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0))), 0.31, figures, ["a", "b"]
+        conclusion, Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0))), 0.31, 0.05, figures, ["a", "b"]
     )
     assert words == (
         "These 2 logs show no fault of the robot: the gap of 0.31 comes from the settings of the simulation, and is "
         "0.046 with Euler's integrator and harder contacts alone."
     )
+
+
+def test_a_gap_without_a_cause_is_told_apart_from_noise() -> None:
+    none, figures = (
+        Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0))),
+        HeldOutFigures(np.zeros(2), 0.31, Interval(0.0, 0.0, 0.0)),
+    )
+    near, far = (sentence(Conclusion("none", ()), none, 0.31, floor, figures, ["a", "b"]) for floor in (0.1, 0.05))
+    assert near.startswith("The simulation agrees with the 2 logs within sensor noise")
+    assert far.startswith("These 2 logs show no fault of the robot: in short replays")
+    assert far.endswith("add up to a gap of 0.31; noise alone makes 0.05.")
 
 
 @pytest.mark.parametrize(

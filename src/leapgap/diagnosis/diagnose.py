@@ -132,14 +132,15 @@ def diagnose(
     draws = settings.noise_draws_of(sum(mapped.rows))
     places = localise(mapped, fine, settings.where_horizon_s, draws, rng)
     judged, gap = ready.judged, heldout_gap.gap(heldout_gap.before)
+    floor = heldout_gap.gap(heldout_gap.floor)
     pieces = (settings.horizon_s, settings.every_s)
     proposal = propose(answer.undecided, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress)
     report = ReportContent(
         verdict=conclusion.verdict,
-        sentence=sentence(conclusion, selected, gap, corrected, names),
+        sentence=sentence(conclusion, selected, gap, floor, corrected, names),
         gap_nominal=gap,
         gap_corrected=corrected.gap,
-        noise_floor=heldout_gap.gap(heldout_gap.floor),
+        noise_floor=floor,
         headline=Headline(
             judged.preset, {channel.name: channel.scale for channel in judged.channels}, heldout_gap.horizon_s
         ),

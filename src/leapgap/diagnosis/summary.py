@@ -19,6 +19,8 @@ MOST_SAID = 4
 """The sentence names so many causes at most; all stand in the table below it."""
 NOTICEABLE = 0.05
 """Smallest share of the gap that is stated as a percentage."""
+FAR = 4.0
+"""Times what noise makes of whole logs from which a gap without a cause is told apart from noise."""
 
 
 def causes_of(
@@ -75,15 +77,26 @@ def profiles_of(result: SearchResult) -> list[Profile]:
 
 
 def sentence(
-    conclusion: Conclusion, selected: Candidate, nominal: float, corrected: HeldOutFigures, logs: Sequence[str]
+    conclusion: Conclusion,
+    selected: Candidate,
+    nominal: float,
+    floor: float,
+    corrected: HeldOutFigures,
+    logs: Sequence[str],
 ) -> str:
-    """The report in one sentence, with numbers."""
+    """The report in one sentence, with numbers; ``floor`` is the gap that noise alone makes of whole logs."""
     verdict, answer, closes = conclusion.verdict, conclusion.answer, corrected.closure
     if conclusion.other_simulation:
         words, gap = conclusion.other_simulation.words, conclusion.other_simulation.gap
         return (
             f"These {len(logs)} logs show no fault of the robot: the gap of {brief(nominal)} comes from the settings "
             f"of the simulation, and is {brief(gap)} with {listed(words)} alone."
+        )
+    if verdict == "none" and nominal > FAR * floor:
+        return (
+            f"These {len(logs)} logs show no fault of the robot: in short replays the simulation agrees with them within "
+            f"sensor noise, model tolerances and the errors of contacts and time steps. Over whole logs these add up to "
+            f"a gap of {brief(nominal)}; noise alone makes {brief(floor)}."
         )
     if verdict == "none":
         return (

@@ -104,6 +104,19 @@ class Evidence:
         gram[:, :, :, new] = products.transpose(0, 1, 3, 2)
         return Evidence(blocks, gram, np.full(len(blocks.places), len(columns) // 2))
 
+    @staticmethod
+    def of_each_error(blocks: Blocks, errors: Whitened, columns: Whitened, known: np.ndarray) -> "list[Evidence]":
+        """Evidence of several errors, each beside the same columns, whose products are ``known``."""
+        cross, size = blocks.products(errors, columns), known.shape[2]
+        found = []
+        for k in range(errors[0].shape[3]):
+            gram = np.zeros((*known.shape[:2], 1 + size, 1 + size))
+            own = [of[..., k : k + 1] for of in errors]
+            gram[:, :, 1:, 1:], gram[:, :, :1, :1] = known, blocks.products(own, own)
+            gram[:, :, 0, 1:] = gram[:, :, 1:, 0] = cross[:, :, k]
+            found.append(Evidence(blocks, gram, np.full(len(blocks.places), len(errors) // 2)))
+        return found
+
     def extended(self, columns: Whitened, further: Whitened) -> "Evidence":
         """The same with further columns beside the errors and columns that it has, ``columns``."""
         more = further[0].shape[3]

@@ -393,12 +393,10 @@ class Bench:
         """The same of several robots; those with feet are followed side by side."""
         if not (self.robot.feet and sets):
             return [self.glance(near, own) for own in sets]
-        errors, found = self.errors_of(near.intervals, near.basis, sets), []
-        for k in range(len(sets)):
-            own = [of[..., k : k + 1] for of in errors]
-            point = Point.of((), near.intervals, near.basis, own, [of[..., :0] for of in own])
-            found.append(point.evidence.at_best_levels(*point.priors()).posterior(*point.priors()).evidence)
-        return found
+        errors, basis = self.errors_of(near.intervals, near.basis, sets), near.basis
+        points = Evidence.of_each_error(basis.blocks, errors, basis.of_nuisances, basis.products)
+        priors = basis.deviation, np.zeros(len(basis.deviation))
+        return [one.at_best_levels(*priors).posterior(*priors).evidence for one in points]
 
     def by_columns(self, near: Point, acting: Acting) -> Point:
         """The point of a robot with other effects or numbers, with the columns of its effects as they are near by."""

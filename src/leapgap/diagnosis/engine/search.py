@@ -55,6 +55,8 @@ SETTLED = 2.0
 """Numbers have settled when their next step is worth less evidence than this, nats."""
 ROUNDS = 4
 """Most rounds in which numbers settle."""
+STRETCHES = (1.0, 2.0, 4.0, 8.0)
+"""Times a step of the numbers of a robot with feet that are tried."""
 
 
 @dataclass(frozen=True)
@@ -366,8 +368,8 @@ class Search:
         if by_softer - by_given <= max([LEAST_GAIN, *(LIKELY * own for own in gains)]):
             return now
         linearised = (self.bench.linearised(own, now.acting, now.point.basis) for own in others)
-        best = max([now, *map(self.judge, linearised)], key=lambda one: one.evidence)
-        if best is now or best.unnamed >= now.unnamed or best.evidence - now.evidence <= max([SOME, *gains]):
+        best = min([now, *map(self.judge, linearised)], key=lambda one: one.unnamed)
+        if best is now or best.evidence - now.evidence <= max([SOME, *gains]):
             return now
         self.progress(f"contacts by {best.simulation[0].in_words}: unexplained {now.unnamed:.0f} to {best.unnamed:.0f}")
         return best
@@ -416,10 +418,17 @@ class Search:
             acting = found.acting
             before = np.concatenate([n for _, n in acting])
             found = self.moved(found.point, acting)
+            found = self.stretched_step(found, before) if self.bench.robot.feet else found
             step = found.numbers - before
             if 0.5 * step @ np.linalg.solve(found.covariance, step) < SETTLED:
                 break
         return found
+
+    def stretched_step(self, found: Found, before: np.ndarray) -> Found:
+        """A set with its next numbers as many steps from those ``before`` as gains most: contacts make steps short."""
+        others = [replace(found, numbers=before + by * (found.numbers - before)) for by in STRETCHES]
+        gains = self.bench.glances(found.point, [one.acting for one in others])
+        return others[int(np.argmax(gains))]
 
     def planted(self, now: Found) -> list[Found]:
         """The set with one effect more by which feet that stand are on the ground, which columns tell little of.

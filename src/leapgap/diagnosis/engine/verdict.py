@@ -8,7 +8,7 @@ c       share of the gap of whole logs that the set closes: how much
 ======  ==========================================================================================
 
 none: no set, u small · unknown: no set, u large · partly: a set, u large · ambiguous: d small · named: else. A set that
-closes nothing of a gap is none. A number at the end of its range is never named.
+closes nothing of a gap is none (on feet: surely nothing). A number at the end of its range is never named.
 """
 
 from collections.abc import Sequence
@@ -156,7 +156,9 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
         steps[-1] = by_whole_logs(steps[-1], gap)
     (figures,) = gap.figures([steps[-1]])
     numbers = Numbers(found.predictive - start.predictive, u, before, float(d), figures.closure.value, blocks)
-    if gap.has_gap and figures.closure.value < LEAST_CLOSURE:
+    # Whole logs of feet are chaotic: there, a set closes nothing where it surely does not.
+    closes = figures.closure.high if search.bench.robot.feet else figures.closure.value
+    if gap.has_gap and closes < LEAST_CLOSURE:
         return EvidenceJudgement(without, nominal, others, numbers, *as_it_is)
     if figures.gap >= gap.unmoved:
         over = "whole logs" if gap.horizon_s is None else f"{gap.horizon_s:g} s"
