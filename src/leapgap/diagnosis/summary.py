@@ -94,9 +94,9 @@ def sentence(
         )
     if verdict == "none" and nominal > FAR * floor:
         return (
-            f"These {len(logs)} logs show no fault of the robot: in short replays the simulation agrees with them within "
-            f"sensor noise, model tolerances and the errors of contacts and time steps. Over whole logs these add up to "
-            f"a gap of {brief(nominal)}; noise alone makes {brief(floor)}."
+            f"These {len(logs)} logs show no fault of the robot: in short replays the simulation agrees with them "
+            "within sensor noise, model tolerances and the errors of contacts and time steps. Over whole logs these "
+            f"add up to a gap of {brief(nominal)}; noise alone makes {brief(floor)}."
         )
     if verdict == "none":
         return (
