@@ -389,13 +389,15 @@ class Bench:
         point = Point.of((), here, basis, errors, [own[..., :0] for own in errors])
         return point.evidence.at_best_levels(*point.priors()).posterior(*point.priors()).evidence
 
-    def glances(self, near: Point, sets: Sequence[Acting]) -> list[float]:
-        """The same of several robots; those with feet are followed side by side."""
+    def glances(self, near: Point, sets: Sequence[Acting], levels: np.ndarray | None = None) -> list[float]:
+        """The same of several robots; those with feet are followed side by side, at ``levels`` where these are given."""
         if not (self.robot.feet and sets):
             return [self.glance(near, own) for own in sets]
         errors, basis = self.errors_of(near.intervals, near.basis, sets), near.basis
         points = Evidence.of_each_error(basis.blocks, errors, basis.of_nuisances, basis.products)
         priors = basis.deviation, np.zeros(len(basis.deviation))
+        if levels is not None:
+            return [replace(one, levels=levels).posterior(*priors).evidence for one in points]
         return [one.at_best_levels(*priors).posterior(*priors).evidence for one in points]
 
     def by_columns(self, near: Point, acting: Acting) -> Point:

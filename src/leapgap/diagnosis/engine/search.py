@@ -427,7 +427,7 @@ class Search:
     def stretched_step(self, found: Found, before: np.ndarray) -> Found:
         """A set with its next numbers as many steps from those ``before`` as gains most: contacts make steps short."""
         others = [replace(found, numbers=before + by * (found.numbers - before)) for by in STRETCHES]
-        gains = self.bench.glances(found.point, [one.acting for one in others])
+        gains = self.bench.glances(found.point, [one.acting for one in others], found.point.evidence.levels)
         return others[int(np.argmax(gains))]
 
     def planted(self, now: Found) -> list[Found]:
