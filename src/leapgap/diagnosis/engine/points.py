@@ -390,7 +390,7 @@ class Bench:
         return point.evidence.at_best_levels(*point.priors()).posterior(*point.priors()).evidence
 
     def glances(self, near: Point, sets: Sequence[Acting], levels: np.ndarray | None = None) -> list[float]:
-        """The same of several robots; those with feet are followed side by side, at ``levels`` where these are given."""
+        """The same of several robots; those with feet are followed side by side, at ``levels`` if these are given."""
         if not (self.robot.feet and sets):
             return [self.glance(near, own) for own in sets]
         errors, basis = self.errors_of(near.intervals, near.basis, sets), near.basis
