@@ -298,8 +298,11 @@ class Following:
         on = np.flatnonzero(k < self.chunks.length)
         return on[np.argsort(self.chunks.log[on], kind="stable")]
 
-    def meet(self, k: int, order: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, Motion]:
-        """Chunks in whose ``k``-th interval a foot meets the ground or leaves it, bool, and what ``reach`` tells."""
+    def meet(self, k: int, order: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, Motion, np.ndarray]:
+        """Chunks in whose ``k``-th interval a foot meets the ground or leaves it, bool, and what ``reach`` tells.
+
+        And what short steps change there, (chunks, 2 nv): the log's own simulation, or the foot, has other ones.
+        """
         reached, close = self.usual.reach(k, order, self.state[order], forces), np.zeros(len(order), bool)
         if self.intervals.robot.feet:
             before = Motion.of_states(self.state[order], self.intervals.robot.model.nq)
@@ -308,10 +311,11 @@ class Following:
         for (log, interval), own in zip(self.chunks.places(k, order), close, strict=True):
             self.close[log][interval] = own
         usual, short = np.flatnonzero(~close), np.flatnonzero(close)
-        parts = [(usual, reached[usual])]
+        parts, by_steps = [(usual, reached[usual])], np.zeros((len(order), 2 * self.nv))
         if len(short):
             parts.append((short, self.short.reach(k, order[short], self.state[order[short]], forces[short])))
-        return close, in_order(parts)
+            by_steps[short] = tangent_difference(parts[-1][1], reached[short], self.intervals.robot)
+        return close, in_order(parts), by_steps
 
     def reach(self, k: int, order: np.ndarray, forces: np.ndarray) -> Motion:
         """Reported states at the end of the ``k``-th interval of some chunks, from where these are, by its steps."""
@@ -399,7 +403,7 @@ def linearised_along(
     for k in range(chunks.longest):
         order = following.chunks_at(k)
         force = following.force[order] * units
-        close, base = following.meet(k, order, force)
+        close, base, by_steps = following.meet(k, order, force)
         full, bent = np.zeros((len(order), size, size)), np.zeros((len(order), n, n))
         stay = following.stay[order, k, None]
         full[:, of_force, of_force] = stay
@@ -414,6 +418,7 @@ def linearised_along(
                 forces += np.repeat(force[own], len(forces) // len(own), axis=0)
                 reached = by.reach(k, order[own], starts, forces)
                 full[own, :n, :n], full[own, :n, n : n + nv], bent[own] = displacements.derivatives(reached, robot)
+        bent += by_steps[:, :, None] * by_steps[:, None]
         spread = full @ covariance[order] @ full.transpose(0, 2, 1)
         spread[:, of_force, of_force] += level**2 * (1 - stay**2)
         spread[:, range(n), range(n)] += 1e-14
