@@ -272,22 +272,23 @@ class Search:
     def promising(self, now: Found, linear: Sequence[Found]) -> list[Found]:
         """Those sets, settled, that may gain most by what their columns say, the best first.
 
-        Where little is left without a name columns are right, and if no set gains by them, none does. Else sets are
-        judged by replays at the numbers that their columns give, and drives far from nominal as well. A further set is
-        settled if it may gain half of what the first may.
+        Where little is left without a name columns are right but for contacts, and if no set gains by them, none does.
+        Else sets are judged by replays at the numbers that their columns give, and drives far from nominal as well. A
+        further set is settled if it may gain half of what the first may.
         """
         gains = [one.worth - now.worth for one in linear]
         sets = [one.acting for one in linear]
+        part = self.part(now.point)
+        touching = self.touching(now, part)
         if now.unnamed > SOME or max(gains, default=0.0) > 0:
-            part = self.part(now.point)
             far = [[(*now.acting, one) for one in pair] for pair in self.far(part)]
             nearer = [
                 max(zip(self.glances(part, now.acting, pair), pair, strict=True), key=itemgetter(0)) for pair in far
             ]
             gains = list(map(max, gains, self.glances(part, now.acting, sets)))
-            nearer += self.touching(now, part)
-            gains += [gain for gain, _ in nearer]
-            sets += [own for _, own in nearer]
+            touching = [*nearer, *touching]
+        gains += [gain for gain, _ in touching]
+        sets += [own for _, own in touching]
         found: list[Found] = []
         for k in np.argsort(-np.array(gains), kind="stable")[:CLOSELY]:
             if gains[k] <= LIKELY * max(gains):
