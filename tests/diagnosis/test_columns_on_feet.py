@@ -17,7 +17,7 @@ from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 from tests.diagnosis.pushed_robots import A1, JUMP_KD, JUMP_KP, quadruped_jump
 
-KINDS = ("joint_damping", "torque_gain", "ground_slope", "gravity_direction", "frame_tilt")
+KINDS = ("joint_damping", "torque_gain", "ground_slope", "gravity_direction", "frame_tilt", "encoder_bias")
 JOINTS = ("FR_hip", "FR_thigh", "RL_calf")
 PUSHES_OFF = slice(20, 33)
 """Intervals in which the robot stretches and all feet are on the ground."""
@@ -112,6 +112,25 @@ def test_a_slope_is_a_turned_frame_and_gravity_that_is_turned_back(
     assert columns[:, :, at["ground_slope", 0]] == pytest.approx(
         turned - gravity, rel=0.1, abs=0.02 * abs(turned).max()
     )
+
+
+def test_a_wrong_zero_changes_nothing_of_what_is_reported_in_the_air(
+    standing: tuple[Course, Columns, np.ndarray],
+) -> None:
+    """The joint PD holds the reported angle, whatever the true one is: only weight and contacts tell them apart."""
+    own, columns, _ = standing
+    model = mujoco.MjModel.from_xml_path(str(A1))
+    data, touches = mujoco.MjData(model), []
+    for state in own.start_states:
+        data.qpos[:], data.qvel[:] = np.split(state, [model.nq])
+        mujoco.mj_forward(model, data)
+        touches.append(data.ncon > 0)
+    in_air = [k for k in range(own.intervals - 1) if not (touches[k] or touches[k + 1])]
+    assert len(in_air) > 10
+    at = {key.place: i for i, key in enumerate(columns.keys) if key.effect == "encoder_bias"}
+    for joint in ("FR_thigh", "RL_calf"):
+        of_joint = columns.values[0][in_air, 6 + [model.joint(j).name for j in range(1, model.njnt)].index(joint)]
+        assert abs(of_joint[:, at[joint]]).max() < 0.01  # rad per rad
 
 
 def test_a_motor_that_lags_gives_the_torque_of_before_where_an_interval_begins() -> None:
