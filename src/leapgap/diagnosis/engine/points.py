@@ -11,13 +11,7 @@ from leapgap import effects
 from leapgap.diagnosis.channels import tangent_difference
 from leapgap.diagnosis.engine.evidence import BLOCK_S, Blocks, Evidence, Whitened
 from leapgap.diagnosis.engine.intervals import Effects, Intervals, is_answered
-from leapgap.diagnosis.engine.responses import (
-    Columns,
-    Linearisation,
-    late_feedback,
-    rough_steps,
-    shared,
-)
+from leapgap.diagnosis.engine.responses import Columns, Linearisation, late_feedback, rough_steps, shared
 from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
 from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.sensitivities import tolerance, usable
@@ -245,7 +239,7 @@ class Bench:
                 found[name] = Hypothesis(known[name], self.robot)
         return found
 
-    @property
+    @cached_property
     def of_feet(self) -> list[str]:
         """Effects whose columns are told by references that follow the logs."""
         return [name for name, h in self.kinds.items() if self.robot.feet and meets_ground(h.kind)]

@@ -278,17 +278,19 @@ class Search:
         """
         gains = [one.worth - now.worth for one in linear]
         sets = [one.acting for one in linear]
-        part = self.part(now.point)
-        touching = self.touching(now, part)
-        if now.unnamed > SOME or max(gains, default=0.0) > 0:
+        looks_far, nearer = now.unnamed > SOME or max(gains, default=0.0) > 0, []
+        if looks_far or self.bench.robot.feet:
+            part = self.part(now.point)
+            nearer = self.touching(now, part)
+        if looks_far:
             far = [[(*now.acting, one) for one in pair] for pair in self.far(part)]
-            nearer = [
+            drives = [
                 max(zip(self.glances(part, now.acting, pair), pair, strict=True), key=itemgetter(0)) for pair in far
             ]
             gains = list(map(max, gains, self.glances(part, now.acting, sets)))
-            touching = [*nearer, *touching]
-        gains += [gain for gain, _ in touching]
-        sets += [own for _, own in touching]
+            nearer = [*drives, *nearer]
+        gains += [gain for gain, _ in nearer]
+        sets += [own for _, own in nearer]
         found: list[Found] = []
         for k in np.argsort(-np.array(gains), kind="stable")[:CLOSELY]:
             if gains[k] <= LIKELY * max(gains):
