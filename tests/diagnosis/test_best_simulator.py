@@ -51,7 +51,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 def report(robot: Robot) -> Report:
     """The report on the worn arm of a diagnosis that may name one cause, and not from a fit of all together."""
     alone = {"plan": SearchSettings(most_causes=1), "doubts": DecisionThresholds(enough_jointly=0.0)}
-    settings = Settings(effects=KINDS, engine="search", noise_draws=1, bootstrap_draws=100, **alone)
+    settings = Settings(effects=KINDS, noise_draws=1, bootstrap_draws=100, **alone)
     return diagnose_logs(noisy_logs(robot.path, worn), robot, settings, threads=2)
 
 
@@ -140,7 +140,7 @@ def test_a_report_has_it_in_print_on_its_page_and_in_a_folder(report: Report, tm
 
 
 def test_a_robot_with_nothing_wrong_keeps_its_nominal_numbers(robot: Robot) -> None:
-    settings = Settings(effects=KINDS, engine="search", noise_draws=1, bootstrap_draws=100)
+    settings = Settings(effects=KINDS, noise_draws=1, bootstrap_draws=100)
     diagnosis = diagnose(noisy_logs(robot.path, lambda _: None), robot, settings, threads=2)
     best = best_of(diagnosis)
     assert diagnosis.report.verdict == "none"

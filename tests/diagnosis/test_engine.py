@@ -182,7 +182,7 @@ def test_a_joint_pd_may_be_computed_once_a_step_or_implicitly(arm: tuple[Robot, 
 
 def found_by_evidence(folder: Path, robot: Robot) -> Diagnosis:
     """The diagnosis of logs by the engine."""
-    return diagnose(read_logs(folder), robot, Settings(engine="evidence", best=False), threads=1)
+    return diagnose(read_logs(folder), robot, Settings(best=False), threads=1)
 
 
 @pytest.mark.long
@@ -203,7 +203,7 @@ def test_damping_of_an_elbow_is_named_with_its_number(tmp_path: Path) -> None:
 def test_a_torque_limit_far_from_the_models_is_named(tmp_path: Path) -> None:
     """No column at nominal shows it: within its own limits the model is never at one."""
     logs, robot = pd_arms.logs(pd_arms.Truth(limit=8.0, size=0.8)), pd_arms.robot(tmp_path)
-    report = diagnose(logs, robot, Settings(engine="evidence", best=False), threads=1).report
+    report = diagnose(logs, robot, Settings(best=False), threads=1).report
     assert (report.verdict, report.answer) == ("named", (("torque_limit",),))
     assert report.causes[0].parameters["scale"].value == pytest.approx(8.0 / 200.0, rel=0.05)
 

@@ -125,14 +125,13 @@ def test_a_gap_that_steps_and_integrator_open_is_nobodys_fault(plans: list[Log],
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("engine", ["search", "evidence"])
-def test_a_stiffer_floor_of_another_simulation_is_no_cause(plans: list[Log], a1: Robot, engine: str) -> None:
+def test_a_stiffer_floor_of_another_simulation_is_no_cause(plans: list[Log], a1: Robot) -> None:
     """Feet on a pyramid of friction sink in less, which looks like a floor a millimetre lower, and a gap besides."""
 
     def contacts(model: mujoco.MjModel) -> None:
         model.opt.cone, model.opt.impratio = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), 10.0
 
-    report = report_of(plans, a1, contacts, settings=replace(SETTINGS, engine=engine))
+    report = report_of(plans, a1, contacts, settings=SETTINGS)
     assert (report.verdict, report.answer) == ("none", ()), report.sentence
 
 
@@ -146,10 +145,9 @@ def test_a_small_bias_is_still_named_beside_them(plans: list[Log], a1: Robot) ->
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("engine", ["search", "evidence"])
-def test_a_bias_of_all_knees_is_no_lower_floor(plans: list[Log], a1: Robot, engine: str) -> None:
+def test_a_bias_of_all_knees_is_no_lower_floor(plans: list[Log], a1: Robot) -> None:
     """Knees that are 0.02 rad off lower all feet alike. Where a foot lands is not linear in an angle."""
-    settings = replace(SETTINGS, effects=["encoder_bias", "ground_height"], engine=engine)
+    settings = replace(SETTINGS, effects=["encoder_bias", "ground_height"])
     knees = dict.fromkeys(("FR_calf", "FL_calf", "RR_calf", "RL_calf"), -0.022)
     report = report_of(plans, a1, bias=knees, settings=settings)
     assert report.answer == (("encoder_bias",),), report.sentence

@@ -35,18 +35,16 @@ from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.next_experiment import propose
-from leapgap.diagnosis.other_simulations import judge_other_simulations
 from leapgap.diagnosis.outside_forces.explained import unexplained
 from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces, without_moments
 from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
-from leapgap.diagnosis.own_clock import OwnClock, own_clock, with_clock_first
+from leapgap.diagnosis.own_clock import OwnClock, own_clock
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Headline, HorizonError, Profile, ReportContent
 from leapgap.diagnosis.rival_fits import Undecided, undecided_of
 from leapgap.diagnosis.selection import find_causes
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts, check_length
-from leapgap.diagnosis.slow_causes import judge_slow_causes
 from leapgap.diagnosis.summary import causes_of, not_judged, profiles_of, sentence
 from leapgap.effects.base import Effect, overrides
 from leapgap.effects.model_field import effect_class
@@ -104,13 +102,12 @@ def diagnose(
     rng = np.random.default_rng(settings.seed)
     ready = prepare(logs, robot, settings, threads, rng, progress)
     answer = find_answer(ready, kinds, settings, progress)
-    if ready.by_evidence:
+    if ready.clock is None:
         outside = pushes_beside(answer, ready, settings)
         if outside.logs:
             for force in outside.forces:
                 progress(f"external force: {force.says}")
-            cut = ready_logs(ready.given, ready.replayer, ready.checks, outside, settings, rng)
-            ready = replace(cut, by_evidence=True)
+            ready = ready_logs(ready.given, ready.replayer, ready.checks, outside, settings, rng)
             answer = find_answer(ready, kinds, settings, progress)
         ready = replace(ready, outside=outside)
         progress("step 3 of 4, fit of all effects and map of the error")
@@ -189,7 +186,6 @@ class ReadyLogs:
     checks: Sequence[CheckResult]
     outside: OutsideForces
     clock: OwnClock | None = None
-    by_evidence: bool = False
 
 
 def prepare(
@@ -200,10 +196,10 @@ def prepare(
     rng: np.random.Generator,
     progress: Callable[[str], None],
 ) -> ReadyLogs:
-    """Check the logs, take out what acts from outside, and measure the gap of the nominal robot.
+    """Check the logs, and measure the gap of the nominal robot.
 
-    By a clock of their own, rows are not known well enough to tell accelerations of a push. By evidence, which has a
-    force without a name, pushes are told beside the answer.
+    By a clock of their own, rows are not known well enough to tell accelerations of a push; else pushes are told beside
+    the answer.
     """
     slots = max((len(log.info.terrain) for log in logs), default=0)
     given = JudgedLogs.of(logs, robot, settings.sizes)
@@ -214,12 +210,7 @@ def prepare(
         given = JudgedLogs.of(as_read(logs, checks), robot, settings.sizes)
     replayer = Replayer(robot, max(1, slots), threads, sensors=given.sensors.columns)
     clock = own_clock(given, checks, settings.sizes)
-    by_evidence, outside = clock is None and settings.by_evidence(robot, given.logs), OutsideForces()
-    if clock is None and not by_evidence:
-        outside = find_outside_forces(given, replayer, settings.outside)
-    ready = replace(ready_logs(given, replayer, checks, outside, settings, rng), by_evidence=by_evidence)
-    for force in outside.forces:
-        progress(f"external force: {force.says}")
+    ready = ready_logs(given, replayer, checks, OutsideForces(), settings, rng)
     if clock is not None:
         draws = settings.noise_draws_of(sum(given.rows))
         gap = ready.heldout_gap.by_own_clock(clock.judged, draws, rng)
@@ -290,51 +281,43 @@ class FoundAnswer:
 def find_answer(
     ready: ReadyLogs, kinds: Sequence[type[Effect]], settings: Settings, progress: Callable[[str], None]
 ) -> FoundAnswer:
-    """Search for causes one by one, and where these leave much for all together; judge them."""
+    """The answer by evidence; of logs by their own clock, by a fit of all effects together."""
+    find = answer_by_evidence if ready.clock is None else answer_by_own_clock
+    return find(ready, kinds, settings, progress)
+
+
+def answer_by_own_clock(
+    ready: ReadyLogs, kinds: Sequence[type[Effect]], settings: Settings, progress: Callable[[str], None]
+) -> FoundAnswer:
+    """The answer of a joint fit of all effects, with the clock of the logs before it.
+
+    Beside it, single causes by half of the pieces show rivals.
+    """
     judged, clock = ready.judged, ready.clock
-    if ready.by_evidence:
-        return answer_by_evidence(ready, kinds, settings, progress)
-    kinds = kinds if clock is None else kinds_beside_clock(kinds, settings)
-    hypotheses = list_hypotheses(kinds, judged.robot, clock_of(ready.checks) if clock is None else None)
+    assert clock is not None
+    hypotheses = list_hypotheses(kinds_beside_clock(kinds, settings), judged.robot, None)
     evidence = gather([states.log for states in judged.whole], judged.robot)
     most = settings.pieces(len(ready.given.logs))
     pieces = partial(ShortRollouts.of, judged.states, ready.replayer, settings.horizon_s, settings.every_s)
-    # Logs by their own clock are judged by a joint fit; beside it, single causes by half of the pieces show rivals.
-    plan = settings.plan if clock is None else replace(settings.plan, most_causes=1)
     progress(f"step 2 of 4, search: {len(hypotheses)} hypotheses (an effect at a location)")
-    counts = (most, (most + 1) // 2) if clock is None else ((most + 1) // 2, (most + 3) // 4)
-    whole, coarse = map(pieces, counts)
+    whole, coarse = pieces((most + 1) // 2), pieces((most + 3) // 4)
+    plan = replace(settings.plan, most_causes=1)
     result = find_causes(whole, coarse, hypotheses, settings.tolerances, ready.heldout_gap.folds, plan, progress)
     heldout_gap = ready.heldout_gap.at_stable_horizon(
         result.selected, settings.noise_draws_of(sum(judged.rows)), np.random.default_rng(settings.seed)
     )
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
     progress(f"step 3 of 4, alternatives and whole logs: gap {gap:.3f}, noise floor {floor:.3f}")
-    judgement = with_clock_first(judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress))
-    told, of_pieces = (evidence, whitened(pieces(most))) if clock is not None else ((), result.short or whitened(whole))
-    near = result.selected if clock is None else None
-    further = further_kinds(kinds, judged.robot, settings) if clock is None else []
-    last = [kind.name for kind in further if kind.beside_joint_fit]
-    joint = JointFit(
-        heldout_gap, of_pieces, told, settings.joint, progress, clock is None, near, settings.tolerances, last
-    )
-    if clock is None:
-        least = settings.plan.least_gain
-        judgement = judge_other_simulations(judgement, heldout_gap, settings.doubts, least, settings.seed, progress)
-        judgement = judge_slow_causes(judgement, joint, hypotheses, settings.doubts)
-        hypotheses = [*hypotheses, *list_hypotheses(further, judged.robot, None)]
-    judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
-    judgement = with_doubts(judgement, joint, settings.doubts)
-    by_source = None
-    if clock is not None:
-        by_source = closure_by_source(joint, judgement.selected)
-        judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
+    joint = JointFit(heldout_gap, whitened(pieces(most)), evidence, settings.joint, progress)
+    judgement = judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress)
+    judgement = with_doubts(judge_jointly(judgement, joint, hypotheses, settings.doubts), joint, settings.doubts)
+    by_source = closure_by_source(joint, judgement.selected)
+    judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
     best = None
     if settings.best:
-        fit = BestFit(heldout_gap, of_pieces, judgement.selected, hypotheses, settings.model_error, progress=progress)
-        if clock is not None:
-            fit = replace(fit, told=joint.told, joint=joint.ends[0] if joint.ends else None)
-        best = fit.search()
+        ends = joint.ends[0] if joint.ends else None
+        own = heldout_gap, joint.short, judgement.selected, hypotheses, settings.model_error, joint.told, ends, progress
+        best = BestFit(*own).search()
     open_, profiles = undecided_of(judgement), tuple(profiles_of(judgement.result))
     return FoundAnswer(
         judgement, heldout_gap, evidence, by_source, best, open_, profiles=profiles, notes=tuple(joint.notes)
@@ -415,14 +398,6 @@ def kinds_beside_clock(kinds: Sequence[type[Effect]], settings: Settings) -> lis
     """The effects to look for in logs by their own clock, which is no hypothesis then; others show beside a clock."""
     further = [] if settings.effects else [kind for kind in effects.known().values() if kind.beside_clock]
     return [kind for kind in (*kinds, *further) if not kind.differs_per_log and kind.name not in settings.without]
-
-
-def further_kinds(kinds: Sequence[type[Effect]], robot: Robot, settings: Settings) -> list[type[Effect]]:
-    """The effects that a fit of all together looks for beside those of the search one by one."""
-    if settings.effects or robot.has_free_base:
-        return []
-    known = [kind for kind in effects.known().values() if kind.in_joint_fit or kind.beside_joint_fit]
-    return [kind for kind in known if kind not in kinds and kind.name not in settings.without]
 
 
 def tolerances_on(robot: Robot, settings: Settings, own: Sequence[type[Effect]] = ()) -> dict[str, float]:

@@ -1,6 +1,5 @@
 """Settings of a diagnosis: effects to look for, evidence, search and thresholds."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,15 +11,10 @@ from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.diagnosis.selection import SearchSettings
 from leapgap.effects.model_field import ModelField
 from leapgap.errors import InputError
-from leapgap.logs.log import Log
-from leapgap.robot.model import Robot
 
 LONGEST_HORIZON_S = 1000.0
 ENOUGH_ROWS = 20_000
 """Number of samples up to which every draw of noise is made."""
-NEARLY_EVEN = 0.05
-"""Standard deviation of the length of rows, as a share of it, up to which a log may be cut into equal intervals."""
-ENGINES = ("by_robot", "evidence", "search")
 TOLERANCES = {
     "armature.inertia": 0.05,
     "joint_friction.torque_nm": 0.05,
@@ -46,9 +40,6 @@ class Settings:
     """Names of effects that are left out of the search, as if they were unknown."""
     model_fields: list[ModelField] = field(default_factory=list)
     """Further hypotheses: numbers of the robot's model that no effect is for, each with the range that is searched."""
-    engine: str = "by_robot"
-    """``evidence``: one evidence of all sets of effects, and of a force without a name; ``search``: one by one, as in
-    0.2. ``by_robot``: by evidence where the base is fixed and rows are of nearly one length, else one by one."""
     folds: int = 4
     """Parts of the logs; each log is judged with values fitted on the other parts."""
     horizon_s: float = 0.1
@@ -88,19 +79,12 @@ class Settings:
     bootstrap_draws: int = 500
     seed: int = 1
 
-    def by_evidence(self, robot: Robot, logs: Sequence[Log]) -> bool:
-        """Whether the search is by evidence, whose intervals are of nearly one length."""
-        usual = not robot.has_free_base and all(log.row_lengths.std() <= NEARLY_EVEN for log in logs)
-        return self.engine == "evidence" or (self.engine == "by_robot" and usual)
-
     def noise_draws_of(self, rows: int) -> int:
         """Draws of sensor noise for so many samples: those of long logs are many in one draw."""
         return max(1, min(self.noise_draws, self.noise_draws * ENOUGH_ROWS // rows))
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing, before any work."""
-        if self.engine not in ENGINES:
-            raise wrong_setting("engine", self.engine, f"one of {', '.join(ENGINES)}")
         counts = {"folds": 2, "pieces_per_log": 1, "most_pieces": 1, "noise_draws": 1, "bootstrap_draws": 1, "seed": 0}
         for name, least in counts.items():
             if getattr(self, name) < least:
