@@ -279,14 +279,12 @@ class Intervals:
         """By how much effects in place of what acts change the reported states of one log, (intervals, 2 nv).
 
         What sensors misreport moves the true states at the beginning of each interval. Of a robot with feet these are
-        those of what acts, moved by ``transition``, exactly: feet stay as deep in the ground as they are. Only what a
-        joint PD answers as well (a zero) is replayed, since what both do cancels but for the contacts.
+        those of what acts, moved by ``transition``, exactly: feet stay as deep in the ground as they are.
         """
         acting, begins = self.acting[log], self.courses[log].begins
         late, before = self.misreported(log, effects), self.misreported(log, acting)
         memory = self.has_memory(log, effects) or self.has_memory(log, acting)
-        zeros, other = ([one for one in of if is_answered(type(one))] for of in (effects, acting))
-        if not memory and (zeros != other or not self.robot.feet):
+        if not memory and not self.robot.feet:
             return tangent_difference(self._reached(log, effects, late), self.predicted[log], self.robot)
         if moving(effects) == moving(acting):
             change = np.zeros((self.courses[log].intervals, 2 * self.robot.model.nv))
@@ -442,11 +440,6 @@ def interval_ends(log: Log, interval_s: float) -> np.ndarray:
 def moving(effects: Effects) -> Effects:
     """Those effects that change the true motion."""
     return tuple(effect for effect in effects if any(overrides(type(effect), method) for method in ACTING))
-
-
-def is_answered(kind: type[Effect]) -> bool:
-    """Whether a joint PD answers what sensors misreport: replayed, as what both do cancels but for the contacts."""
-    return overrides(kind, "change_measured") and overrides(kind, "change_commands")
 
 
 class Models(ExitStack):

@@ -10,7 +10,7 @@ import numpy as np
 from leapgap import effects
 from leapgap.diagnosis.channels import tangent_difference
 from leapgap.diagnosis.engine.evidence import BLOCK_S, Blocks, Evidence, Whitened
-from leapgap.diagnosis.engine.intervals import Effects, Intervals, is_answered
+from leapgap.diagnosis.engine.intervals import Effects, Intervals
 from leapgap.diagnosis.engine.responses import Columns, Linearisation, late_feedback, rough_steps, shared
 from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
 from leapgap.diagnosis.hypotheses import Hypothesis, places
@@ -522,8 +522,12 @@ def otherwise_integrated(robot: Robot, kd: np.ndarray, step_s: float) -> Simulat
 
 
 def meets_ground(kind: type[Effect]) -> bool:
-    """Whether an effect moves feet against the ground, or changes their contact with it."""
-    return is_answered(kind) or kind.places == "feet" or kind.name in ("ground_slope", "leg_geometry")
+    """Whether an effect moves feet against the ground, or changes their contact with it.
+
+    A joint PD answers a wrong zero: what both do cancels but for the contacts.
+    """
+    is_answered = overrides(kind, "change_measured") and overrides(kind, "change_commands")
+    return is_answered or kind.places == "feet" or kind.name in ("ground_slope", "leg_geometry")
 
 
 def in_drive(kind: type[Effect]) -> bool:

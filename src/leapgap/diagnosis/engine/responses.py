@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
-from leapgap.diagnosis.engine.intervals import Course, Intervals, Shares, is_answered
+from leapgap.diagnosis.engine.intervals import Course, Intervals, Shares
 from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.short_rollouts import ROUGH
 from leapgap.effects.base import Commands, Effect, ForceContext, overrides
@@ -179,9 +179,7 @@ class Columns:
                 assert known is not None
                 found += [[own[:, :, known.keys.index(key)] for own in known.values] for key in new]
                 continue
-            by_replay = is_answered(h.kind) or (
-                not robot.feet and (h.kind.along_joints or overrides(h.kind, "change_measured"))
-            )
+            by_replay = not robot.feet and (h.kind.along_joints or overrides(h.kind, "change_measured"))
             motion = by_row if h.kind.along_joints else [(context, None)]
             forces = None if by_replay else closed_form(h.kind, single, motion)
             if forces is not None:
@@ -247,7 +245,7 @@ def departed(hypothesis: Hypothesis, number: int, log: str = "") -> tuple[Effect
 def departure(hypothesis: Hypothesis, number: int) -> float:
     """A moderate departure from nominal; a small one of what changes the contacts of feet, far from linear in it."""
     kind = hypothesis.kind
-    changed = is_answered(kind) or any(overrides(kind, method) for method in ("change_model", "change_spec"))
+    changed = any(overrides(kind, method) for method in ("change_model", "change_spec"))
     return float(hypothesis.moderate[number] * (LITTLE if changed and hypothesis.robot.feet else 1.0))
 
 
