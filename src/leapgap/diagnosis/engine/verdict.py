@@ -8,7 +8,8 @@ c       share of the gap of whole logs that the set closes: how much
 ======  ==========================================================================================
 
 none: no set, u small · unknown: no set, u large · partly: a set, u large · ambiguous: d small · named: else. A set that
-closes nothing of a gap is none (on feet: surely nothing). A number at the end of its range is never named.
+closes nothing of a gap is none (on feet: surely nothing); where u is large, one that may close nothing is none either.
+A number at the end of its range is never named.
 """
 
 from collections.abc import Sequence
@@ -22,7 +23,7 @@ from leapgap.diagnosis.decision import Conclusion
 from leapgap.diagnosis.engine.search import LEAST_GAIN, LEAST_SHARE, UNNAMED, Found, Search, few_of_each, screen
 from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks
 from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
-from leapgap.diagnosis.gap import HeldOutGap
+from leapgap.diagnosis.gap import HeldOutFigures, HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.outside_forces.search import MARGIN_S, place_of
@@ -161,19 +162,9 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     closes = figures.closure.high if search.bench.robot.feet else figures.closure.value
     if gap.has_gap and closes < LEAST_CLOSURE:
         return EvidenceJudgement(without, nominal, others(start), numbers, *as_it_is)
-    if figures.gap >= gap.unmoved:
-        over = "whole logs" if gap.horizon_s is None else f"{gap.horizon_s:g} s"
-        note = (
-            f"{in_words(steps[-1])} is no answer: over {over} a robot that does not move is nearer to them "
-            f"(gap {gap.unmoved:.2g} beside {figures.gap:.2g}), so that these logs judge no simulation"
-        )
-        return EvidenceJudgement(unknown, nominal, others(start), numbers, *as_it_is, notes=(note,))
-    if not explained and numbers.g < found.missing:
-        note = (
-            f"{in_words(steps[-1])} came nearest, but what is left unexplained is worth more evidence than it gains "
-            f"({found.missing:.0f} beside {numbers.g:.0f} nats)"
-        )
-        return EvidenceJudgement(unknown, nominal, others(start), numbers, *as_it_is, notes=(note,))
+    if why := refusal(found, explained, numbers.g, figures, gap):
+        notes = (f"{in_words(steps[-1])} {why}",)
+        return EvidenceJudgement(unknown, nominal, others(start), numbers, *as_it_is, notes=notes)
     at_end = steps[-1].at_bound
     if not explained or at_end:
         verdict = "partly"
@@ -185,6 +176,29 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     return EvidenceJudgement(
         conclusion, steps[-1], others(found), numbers, moments, residual_of(start, found), undecided
     )
+
+
+def refusal(found: Found, explained: bool, gained: float, figures: HeldOutFigures, gap: HeldOutGap) -> str:
+    """Why a set with some figures is no answer, in words after its own; empty where it is one.
+
+    ``gained`` is its evidence on held-out logs, nats.
+    """
+    if figures.gap >= gap.unmoved:
+        over = "whole logs" if gap.horizon_s is None else f"{gap.horizon_s:g} s"
+        return (
+            f"is no answer: over {over} a robot that does not move is nearer to them (gap {gap.unmoved:.2g} beside "
+            f"{figures.gap:.2g}), so that these logs judge no simulation"
+        )
+    if not explained and gained < found.missing:
+        return (
+            "came nearest, but what is left unexplained is worth more evidence than it gains "
+            f"({found.missing:.0f} beside {gained:.0f} nats)"
+        )
+    if not explained and gap.has_gap and figures.closure.low <= 0:
+        share = figures.closure.capped_at_one
+        value, low, high = (f"{100 * own:.0f}" for own in (share.value, share.low, share.high))
+        return f"came nearest, but may explain nothing of held-out logs: {value} % (95 %: {low} to {high})"
+    return ""
 
 
 def residual_of(start: Found, found: Found) -> tuple[ResidualForce, ...]:
