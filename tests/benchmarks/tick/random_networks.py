@@ -6,9 +6,12 @@ from itertools import pairwise
 import numpy as np
 
 from leapgap.jumping.control.inference import ExportedModel, Perceptron, Phase
-from leapgap.jumping.learning.deviation_ensemble import DeviationNetworks
-from leapgap.jumping.learning.deviation_recipe import DeviationTask
-from leapgap.jumping.learning.models.deviation_networks import DeviationNetworksConfig, initial_networks
+from leapgap.jumping.learning.models.deviation_networks import (
+    DeviationNetworks,
+    DeviationNetworksConfig,
+    initial_networks,
+)
+from leapgap.jumping.learning.recipe import DeviationTask
 from leapgap.jumping.learning.windows import Purpose, TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation, rows, selection
 from leapgap.jumping.models.rigid_body import GRAVITY

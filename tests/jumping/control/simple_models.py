@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.control.sudden_change import CalmMotion
+from leapgap.jumping.control.goal_shift_mpc import CalmMotion
+from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.rigid_body import PITCH, PITCH_RATE, VX, VZ, RigidBody, X, Z, advance
 from leapgap.jumping.task import ContactSchedule

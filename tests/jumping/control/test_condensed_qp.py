@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from leapgap.jumping.control.condensed_qp import ForceLimits, prepare_qp
-from leapgap.jumping.control.horizon import Horizon, horizon
+from leapgap.jumping.control.condensed_qp import ForceLimits, Horizon, horizon, prepare_qp
 from leapgap.jumping.control.qp import QpConfig, solver
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel

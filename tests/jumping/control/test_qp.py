@@ -9,12 +9,11 @@ from scipy.optimize import nnls
 
 from leapgap.errors import InputError
 from leapgap.jumping.control.condensed_qp import ForceLimits
-from leapgap.jumping.control.mpc import ForcePlanner
-from leapgap.jumping.control.mpc_config import MpcConfig
+from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig
 from leapgap.jumping.control.qp import FAILED, INFEASIBLE, OUT_OF_TIME, SOLVED, Qp, QpConfig, QpSolution, solver
-from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.jumping.models.rigid_body_model import RigidBodyModel
+from leapgap.jumping.models.rigid_body import RigidBodyModel
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from stages.common import CONF, read_config

@@ -6,16 +6,20 @@ import numpy as np
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.shift_horizon import ShiftGrid
+from leapgap.jumping.control.shifted_plan import ShiftGrid
 from leapgap.jumping.control.tracking import JointPd
-from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
+from leapgap.jumping.experiments.goal_directed_jump import (
+    AIMING_LIMITS,
+    AimConfig,
+    JumpPlanner,
+    LandingModel,
+    LandingSamples,
+    best_goal,
+)
 from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump, shifted_plan
-from leapgap.jumping.experiments.held_shifts import HeldShiftsConfig, measure_held_shifts
-from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples, best_goal
-from leapgap.jumping.experiments.method import Method
-from leapgap.jumping.experiments.methods.aiming import AimingMethod
-from leapgap.jumping.experiments.methods.goal_shift import GoalShiftMethod
+from leapgap.jumping.experiments.method import JumpTask, Method
+from leapgap.jumping.experiments.methods.learned_goal_mpc import GoalShiftMethod, HeldShiftsConfig, measure_held_shifts
+from leapgap.jumping.experiments.rig import Bench
 from leapgap.jumping.experiments.simulated_shifts import (
     Kick,
     ShiftDraws,
@@ -26,9 +30,8 @@ from leapgap.jumping.experiments.simulated_shifts import (
     draw_push,
     shift_at,
 )
-from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task
-from leapgap.jumping.experiments.trial_spec import shifted_jumps
+from leapgap.jumping.experiments.training_jumps import AimingMethod
+from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task, shifted_jumps
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.task import ContactSchedule
 from leapgap.simulation.closed_loop import Sensing

@@ -6,20 +6,21 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.jumping.experiments import identification
-from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
-from leapgap.jumping.experiments.landing import Landing
-from leapgap.jumping.experiments.landing_model import LandingModel, LandingSamples, best_goal, target_pose
-from leapgap.jumping.experiments.methods.aiming import AimingMethod
-from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
-from leapgap.jumping.experiments.methods.joint_pd_shifted import learn_shift
-from leapgap.jumping.experiments.methods.ours_adapted import adapt_offsets
-from leapgap.jumping.experiments.rig import AdaptConfig
-from leapgap.jumping.experiments.run_metrics import RunMetrics
-from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.training_jumps import GoalOffsets, PracticeConfig, run_practice
-from leapgap.jumping.experiments.trial_spec import TrialResult, TrialSpec
+from leapgap.jumping.experiments import training_jumps
+from leapgap.jumping.experiments.goal_directed_jump import (
+    JumpPlanner,
+    LandingModel,
+    LandingSamples,
+    best_goal,
+    target_pose,
+)
+from leapgap.jumping.experiments.method import JointPdMethod, JumpTask
+from leapgap.jumping.experiments.methods.joint_pd import learn_shift
+from leapgap.jumping.experiments.methods.ours import adapt_offsets
+from leapgap.jumping.experiments.rig import Bench
+from leapgap.jumping.experiments.settings import AdaptConfig, GoalOffsets, PracticeConfig
+from leapgap.jumping.experiments.training_jumps import AimingMethod, run_practice
+from leapgap.jumping.experiments.trial import Landing, RunMetrics, TrialResult, TrialSpec
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
@@ -50,7 +51,7 @@ def law(trial: TrialSpec) -> TrialResult:
 @pytest.fixture
 def quick(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
     monkeypatch.setattr(TrialSpec, "run", law)
-    monkeypatch.setattr(identification, "identify_effects", lambda *_: (effects.effect("joint_damping", damping=0.4),))
+    monkeypatch.setattr(training_jumps, "identify_effects", lambda *_: (effects.effect("joint_damping", damping=0.4),))
     return bench
 
 

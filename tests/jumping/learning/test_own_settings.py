@@ -10,11 +10,11 @@ import pytest
 from omegaconf import OmegaConf
 
 from leapgap.errors import InputError
-from leapgap.jumping.learning import model_grid, registry
+from leapgap.jumping.learning import model_grid, store
 from leapgap.jumping.learning import windows as windows_module
+from leapgap.jumping.learning.experiment import train_on_all
 from leapgap.jumping.learning.models.kernel import KernelConfig
 from leapgap.jumping.learning.models.residual_networks import NetworksConfig
-from leapgap.jumping.learning.splits import train_on_all
 from leapgap.jumping.learning.windows import Windows
 from leapgap.runtime.atomic_io import read_json
 from stages.common import with_leave_to_add
@@ -97,8 +97,8 @@ def found(folder: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "slowing", module)
     spec.loader.exec_module(module)
     for recipe in (module.SlowingRecipe(), module.SlowingTwiceRecipe()):
-        monkeypatch.setitem(registry.recipes(), recipe.name, recipe)
-    return registry.recipes()
+        monkeypatch.setitem(store.recipes(), recipe.name, recipe)
+    return store.recipes()
 
 
 TRAIN = """

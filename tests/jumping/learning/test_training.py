@@ -16,21 +16,16 @@ from leapgap.jumping.learning import (
     model_grid,
     recipe,
     store,
-    torch_rollout,
     training,
     window_extraction,
 )
-from leapgap.jumping.learning.experiment import TrainConfig
+from leapgap.jumping.learning.experiment import TrainConfig, folds
 from leapgap.jumping.learning.model import Nominal, squared_errors
-from leapgap.jumping.learning.models.constant_velocity import ConstantVelocity
 from leapgap.jumping.learning.models.kernel import KernelConfig
-from leapgap.jumping.learning.models.nominal import NominalModel, fit_gains
-from leapgap.jumping.learning.models.playback import Playback
-from leapgap.jumping.learning.models.published_recipe import PublishedRecipeConfig
-from leapgap.jumping.learning.models.residual_networks import NetworksConfig, initial_networks
+from leapgap.jumping.learning.models.nominal import ConstantVelocity, NominalModel, Playback, fit_gains
+from leapgap.jumping.learning.models.residual_networks import NetworksConfig, PublishedRecipeConfig, initial_networks
 from leapgap.jumping.learning.recipe import Fitting
-from leapgap.jumping.learning.registry import recipes
-from leapgap.jumping.learning.splits import folds
+from leapgap.jumping.learning.store import recipes
 from leapgap.jumping.learning.windows import ARRAYS, TimeGrid, Windows
 from leapgap.runtime.atomic_io import read_json
 from stages.compose import compose_conf
@@ -140,8 +135,8 @@ def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(wind
 
     start = initial_networks(windows, Nominal(A1_BODY), NETWORKS, np.random.default_rng(0))
     last_two = windows.of_jumps(windows.jumps[-2:])
-    learner = training.Learner(torch_rollout.ResidualModule(model, 0.0), windows, {}, fitting, 0)
-    learner.batches = {"stopping": torch_rollout.Batch.of(last_two, torch.device("cpu"))}
+    learner = training.Learner(training.ResidualModule(model, 0.0), windows, {}, fitting, 0)
+    learner.batches = {"stopping": training.Batch.of(last_two, torch.device("cpu"))}
     assert learner.error_on("stopping") == pytest.approx(min(seen), rel=1e-4)
     assert not same(model, start)
     with pytest.raises(InputError, match=r"fitting.stopping_jumps: found 6 of 6 training jumps"):

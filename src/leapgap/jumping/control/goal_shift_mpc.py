@@ -14,6 +14,7 @@ The first shift is applied until the next update.
 """
 
 import itertools
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -22,10 +23,102 @@ import numpy as np
 
 from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.qp import Qp
-from leapgap.jumping.control.shift_efforts import EffortLimits, Efforts, efforts_of
-from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
-from leapgap.jumping.control.sudden_change import CalmMotion, ChangeRule
+from leapgap.jumping.control.shifted_plan import (
+    DEVIATIONS,
+    GOAL_AXES,
+    EffortLimits,
+    Efforts,
+    ShiftedPlan,
+    ShiftGrid,
+    efforts_of,
+)
+
+RECENT = 5
+"""Number of updates before an update of which all but the last are compared with it: a push that began just before the
+last one has shown a little in that already."""
+
+
+@dataclass(frozen=True)
+class ChangeRule:
+    """When something is taken for a sudden change."""
+
+    least_surprise: float = 12.0
+    """Smallest surprise of the update at which it shows. In practice jumps the largest is 2, in later jumps without
+    a kick 10."""
+    times_recent: float = 5.0
+    """It is larger than the largest of the recent updates by this factor: a crouch far from the planned one surprises
+    as much, but from the start on."""
+
+
+@dataclass(frozen=True)
+class CalmMotion:
+    """How the deviation from the plan goes on from each of T updates to the next while nothing happens."""
+
+    carry: np.ndarray
+    """Deviation at an update from [1, that at the update before], (T, 11, 10)."""
+    precision: np.ndarray
+    """Inverse covariance of what is left, (T, 10, 10)."""
+
+    def carried(self, update: int, before: np.ndarray) -> np.ndarray:
+        """The deviation (10,) that is expected at an update after that of the update before (10,)."""
+        found: np.ndarray = self.carry[update, 0] + before @ self.carry[update, 1:]
+        return found
+
+    def surprise(self, update: int, left: np.ndarray) -> float:
+        """Mean square of what is unexpected of a deviation, ``left`` (10,), in squared standard deviations: 1 while
+        nothing happens."""
+        return float(left @ self.precision[update] @ left) / DEVIATIONS
+
+
+class ChangeWatch:
+    """Watches the deviations of a jump for its first sudden change, and tells what has come since.
+
+    ``age`` counts the updates since the change, from 1 on; 0: nothing has happened.
+    """
+
+    def __init__(self, calm: CalmMotion, rule: ChangeRule) -> None:
+        self.calm, self.rule = calm, rule
+        self.age = 0
+        self._recent: deque[float] = deque(maxlen=RECENT)
+        self._calm: np.ndarray | None = None
+        """The deviation (10,) at the last update; since a change, what it would be without that."""
+        self._since = np.zeros(DEVIATIONS)
+        """What a change had added to it then."""
+        self._update = -1
+
+    def since(self, update: int, deviation: np.ndarray) -> np.ndarray | None:
+        """What a sudden change has added to the deviation at an update, and at the last one that was told, (20,).
+
+        ``deviation`` (10,) is that at the update. Updates come in turn; those that are missing or not finite are gone
+        over. None while nothing has happened, and where the deviation is not finite.
+        """
+        gap, self._update = update - self._update, update
+        finite = bool(np.isfinite(deviation).all())
+        if self._calm is None:
+            self._calm = deviation if finite else None
+            return None
+        calm = self._calm
+        for passed in range(update - gap + 1, update + 1):
+            calm = self.calm.carried(passed, calm)
+        if self.age:
+            self.age += gap
+        elif finite and gap == 1 and self._is_sudden(self.calm.surprise(update, deviation - calm)):
+            self.age = 1
+        elif finite:
+            calm = deviation
+        self._calm = calm
+        if not (self.age and finite):
+            return None
+        before, self._since = self._since, deviation - calm
+        return np.concatenate([self._since, before])
+
+    def _is_sudden(self, surprise: float) -> bool:
+        """Whether an update surprises more than the recent ones but the last; it is remembered."""
+        known = len(self._recent) == RECENT
+        usual = max(1.0, *list(self._recent)[:-1]) if known else np.inf
+        self._recent.append(surprise)
+        return surprise > self.rule.least_surprise and surprise > self.rule.times_recent * usual
+
 
 PITCH, HEIGHT, EFFORT = 0, 1, 2
 """Slacks of the QP: of the landing's pitch, of its height, and of forces and torques."""

@@ -9,21 +9,13 @@ import numpy as np
 
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.jumping.control.excitation import Excitation, ExcitedController
-from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.control.tracking import JumpController
-from leapgap.jumping.experiments.landing import Landing
-from leapgap.jumping.experiments.method import Method, References, crouch
-from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
-from leapgap.jumping.experiments.methods.mpc import MpcMethod
-from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.trial import TrialSetup, attempt_task
+from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.control.tracking import Excitation, ExcitedController, JumpController, PhaseGains
+from leapgap.jumping.experiments.method import JointPdMethod, JumpTask, Method, MpcMethod, References, crouch
+from leapgap.jumping.experiments.trial import Landing, TrialSetup, attempt_task
 from leapgap.jumping.models.planar import planar_robot
-from leapgap.jumping.models.rigid_body import RigidBody
-from leapgap.jumping.models.rigid_body_model import RigidBodyModel, planner_body
-from leapgap.jumping.planning.batch import read_targets
-from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.models.rigid_body import RigidBody, RigidBodyModel, planner_body
+from leapgap.jumping.planning.reference import read_targets, reference_to
 from leapgap.jumping.task import Target, target_of
 from leapgap.logs.log import Log, write_log
 from leapgap.robot.model import Robot

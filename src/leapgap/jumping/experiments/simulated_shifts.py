@@ -12,14 +12,12 @@ import numpy as np
 
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.jumping.control.horizon import ROUNDING_S
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
+from leapgap.jumping.control.condensed_qp import ROUNDING_S
+from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan, ShiftGrid
+from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
-from leapgap.jumping.experiments.goal_shift_jump import shifted_plan
-from leapgap.jumping.experiments.landing_feedback import Authority, KickedJumps
-from leapgap.jumping.experiments.trial_spec import UPRIGHT_RAD
+from leapgap.jumping.experiments.goal_shift_jump import Authority, KickedJumps, shifted_plan
+from leapgap.jumping.experiments.trial import UPRIGHT_RAD
 from leapgap.jumping.models.rigid_body import GRAVITY
 from leapgap.jumping.planning.reference import Gains, to_jump
 from leapgap.jumping.task import Target

@@ -8,13 +8,13 @@ import lightning
 import numpy as np
 import torch
 
-from leapgap.jumping.learning.deviation_ensemble import DeviationNetworks
-from leapgap.jumping.learning.deviations import BALLISTIC_S, DeviatingJump
 from leapgap.jumping.learning.models.deviation_kernel import mode_of, places
+from leapgap.jumping.learning.models.deviation_networks import DeviationNetworks
 from leapgap.jumping.learning.network import Mlp
 from leapgap.jumping.learning.recipe import Fitting
 from leapgap.jumping.learning.training import EmptySteps, optimiser_of, silence_advice
-from leapgap.jumping.models.deviation_model import CURVATURE
+from leapgap.jumping.learning.window_extraction import BALLISTIC_S, DeviatingJump
+from leapgap.jumping.models.rigid_body import CURVATURE
 from leapgap.logs.pair_force import per_axis
 
 ERROR_SCALE = (0.02, 0.02, 0.05, 0.1, 0.1, 0.4)

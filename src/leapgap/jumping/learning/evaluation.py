@@ -13,8 +13,7 @@ from leapgap.errors import InputError
 from leapgap.jumping.learning import uncertainty
 from leapgap.jumping.learning.model import Model, squared_errors
 from leapgap.jumping.learning.models.kernel import KernelModel
-from leapgap.jumping.learning.registry import find_recipe, recipes
-from leapgap.jumping.learning.store import load
+from leapgap.jumping.learning.store import find_recipe, load, recipes
 from leapgap.jumping.learning.uncertainty import LEVELS, PredictionUncertainty
 from leapgap.jumping.learning.windows import Purpose, Windows
 from leapgap.jumping.models.rigid_body import STATE

@@ -12,14 +12,20 @@ from typing import Any
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.learning import export, loggers
-from leapgap.jumping.learning.experiment import TrainConfig, fit_task, fit_uncertainty
+from leapgap.jumping.learning import loggers
+from leapgap.jumping.learning.experiment import (
+    Split,
+    TrainConfig,
+    fit_task,
+    fit_uncertainty,
+    folds,
+    sessions,
+    train_on_all,
+)
 from leapgap.jumping.learning.model import Model
-from leapgap.jumping.learning.npz_files import read_npz
+from leapgap.jumping.learning.model_files import read_npz
 from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe, ModelSettings
-from leapgap.jumping.learning.registry import find_recipe, recipes
-from leapgap.jumping.learning.splits import Split, folds, sessions, train_on_all
-from leapgap.jumping.learning.store import StoredModel, load, save
+from leapgap.jumping.learning.store import StoredModel, export_model, find_recipe, load, recipes, save
 from leapgap.jumping.learning.windows import ARRAYS, Purpose, Windows
 from leapgap.runtime.atomic_io import read_json, whole_file, write_json
 from leapgap.runtime.blas import one_blas_thread
@@ -201,7 +207,7 @@ def exports(job: SplitJob) -> list[tuple[str, str]]:
     """Places and keys of the models of all jumps in the form that others read."""
     uncertainties = sorted(job.uncertainty_keys.items())
     return [
-        (f"{EXPORTED}/{name}", result_key(export.write, (name, key, uncertainties)))
+        (f"{EXPORTED}/{name}", result_key(export_model, (name, key, uncertainties)))
         for name, key in job.keys.items()
         if recipes()[name].can_be_exported
     ]
@@ -214,7 +220,7 @@ def export_models(job: SplitJob) -> None:
             name = Path(place).name
             model = load(job.cache.folder / job.split.name, name)
             with job.cache.store(place, key) as folder:
-                export.write(model, folder, name, deviation_of(job.cache.folder, job.split, name))
+                export_model(model, folder, name, deviation_of(job.cache.folder, job.split, name))
 
 
 def uncertainty_recipes(config: TrainConfig, split: Split) -> list[ModelRecipe]:

@@ -7,8 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from leapgap.jumping.learning.flat_model import OUTPUTS, Part
-from leapgap.jumping.learning.model import Nominal, ResidualModel
+from leapgap.jumping.learning.model import OUTPUTS, Nominal, Part, ResidualModel
 from leapgap.jumping.learning.windows import RolloutInputs, drop_forces
 from leapgap.jumping.models.affine_model import AffineModel, Situation, columns, selection
 

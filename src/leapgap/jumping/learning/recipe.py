@@ -6,15 +6,16 @@ A recipe says how a ``Model`` is fitted, judged, exported and shown. Each is a c
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 from leapgap.jumping.learning.loggers import LoggerConfig
 from leapgap.jumping.learning.model import Model
+from leapgap.jumping.learning.window_extraction import DeviatingJump
 from leapgap.jumping.learning.windows import Windows
-from leapgap.jumping.models.rigid_body import RigidBody
+from leapgap.jumping.models.rigid_body import DeviationModel, RigidBody
 
 LearningCurve = list[list[float | None]]
 """Rows of step, training loss and held-out loss; empty for what is fitted at once."""
@@ -164,3 +165,30 @@ class ModelRecipe(ABC):
     @abstractmethod
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
         """Fit the model to the training windows; also the curve of its losses, empty without gradient descent."""
+
+
+@dataclass(frozen=True)
+class DeviationTask:
+    """The jumps and settings from which a recipe fits one model."""
+
+    jumps: Sequence[DeviatingJump]
+    body: RigidBody
+    model_settings: Mapping[str, ModelSettings] = field(default_factory=dict)
+    """Settings of models by their section, where they are not the defaults."""
+    seed: int = 0
+
+    def settings(self, kind: type[Settings]) -> Settings:
+        """The settings of one kind of models."""
+        return settings_in(self.model_settings, kind)
+
+
+class DeviationRecipe(ABC):
+    """A named model of the deviation from a plan. To add one, add a subclass in a file of the package ``models``."""
+
+    name: ClassVar[str]
+    settings: ClassVar[type[ModelSettings] | None] = None
+    """Settings of its own that its fit reads."""
+
+    @abstractmethod
+    def fit(self, task: DeviationTask) -> DeviationModel:
+        """Fit the model to the jumps."""

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from leapgap.errors import InputError
+from leapgap.jumping.learning.model_files import check_finite, read_npz, write_npz
 from leapgap.jumping.learning.models.kernel import (
     PHASES,
     KernelConfig,
@@ -21,8 +22,6 @@ from leapgap.jumping.learning.models.kernel import (
     gauss,
     training_steps,
 )
-from leapgap.jumping.learning.npz_files import check_finite, read_npz, write_npz
-from leapgap.jumping.learning.splits import hold_out
 from leapgap.jumping.learning.windows import RolloutInputs, Windows
 from leapgap.jumping.models.affine_model import Situation, columns
 from leapgap.runtime.atomic_io import whole_file
@@ -99,10 +98,11 @@ def fit(windows: Windows, fit_kernel: Callable[[Windows], KernelModel], config: 
     whole = kernel_posterior(fit_kernel(windows), config)
     squared, unfamiliar = [], []
     for jump in spread_evenly(windows.jumps, MOST_LEFT_OUT):
-        split = hold_out("", windows.jumps, [jump])
-        left_out = windows.of_jumps(split.held_out)
+        left_out = windows.of_jumps([jump])
         if len(windows.jumps) <= MOST_REFITS:
-            one = kernel_posterior(fit_kernel(windows.of_jumps(split.train)), config)
+            one = kernel_posterior(
+                fit_kernel(windows.of_jumps([other for other in windows.jumps if other != jump])), config
+            )
         else:
             one = without_jump(whole, windows, windows.jumps.index(jump))
         squared.append((one.kernel.predict(left_out.inputs) - left_out.state)[:, 1:] ** 2)

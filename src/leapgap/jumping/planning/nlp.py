@@ -21,8 +21,18 @@ import casadi as ca
 import numpy as np
 
 from leapgap.jumping.models.planar import PlanarRobot
-from leapgap.jumping.planning.dynamics import inverse_dynamics_residual, legs
-from leapgap.jumping.planning.layout import COORDINATES, CROUCH, JOINT, JOINTS, PITCH, TRUNK, X, Z
+from leapgap.jumping.planning.dynamics import (
+    COORDINATES,
+    CROUCH,
+    JOINT,
+    JOINTS,
+    PITCH,
+    TRUNK,
+    X,
+    Z,
+    inverse_dynamics_residual,
+    legs,
+)
 from leapgap.jumping.planning.problem import (
     Grid,
     Limits,

@@ -6,25 +6,26 @@ from typing import Self
 
 import numpy as np
 
-from leapgap.jumping.control.excitation import Excitation
-from leapgap.jumping.control.mpc_controller import DepartingMpc
-from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.mpc import DepartingMpc
 from leapgap.jumping.control.shifted_plan import DEVIATIONS
-from leapgap.jumping.control.tracking import JointPd, JumpController
-from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, GoalDirectedJump, JumpPlanner
-from leapgap.jumping.experiments.landing_model import LandingModel, LandingSamples, best_goal
-from leapgap.jumping.experiments.learned_config import PracticeRounds
-from leapgap.jumping.experiments.method import References
-from leapgap.jumping.experiments.methods.aiming import AimingMethod
-from leapgap.jumping.experiments.methods.mpc import MpcMethod
+from leapgap.jumping.control.tracking import Excitation, JointPd, JumpController, Reference
+from leapgap.jumping.experiments.goal_directed_jump import (
+    GoalChoice,
+    GoalDirectedJump,
+    JumpPlanner,
+    LandingModel,
+    LandingSamples,
+    best_goal,
+)
+from leapgap.jumping.experiments.method import JumpTask, MpcMethod, References
 from leapgap.jumping.experiments.methods.practised_mpc import PractisedMpcSettings
 from leapgap.jumping.experiments.rig import Rig
-from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.training_jumps import DATA_SHEET, GoalOffsets, run_practice
+from leapgap.jumping.experiments.settings import GoalOffsets, PracticeRounds
+from leapgap.jumping.experiments.training_jumps import DATA_SHEET, AimingMethod, run_practice
 from leapgap.jumping.learning.models.deviation_kernel import DeviationKernelConfig
 from leapgap.jumping.learning.recipe import ModelSettings
-from leapgap.jumping.models.deviation_model import DeviationModel, NominalDeviation
 from leapgap.jumping.models.planar import planar_robot
+from leapgap.jumping.models.rigid_body import DeviationModel, NominalDeviation
 from leapgap.jumping.planning.reference import Gains, to_jump
 from leapgap.jumping.planning.solve import Solution, landing_goal
 from leapgap.jumping.task import Target, begin_of, metadata_of, target_of

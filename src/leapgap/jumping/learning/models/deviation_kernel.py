@@ -6,13 +6,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from leapgap.jumping.learning.deviation_recipe import DeviationRecipe, DeviationTask
-from leapgap.jumping.learning.deviations import BALLISTIC_S, DeviatingJump
 from leapgap.jumping.learning.models.kernel import gauss
-from leapgap.jumping.learning.recipe import ModelSettings
+from leapgap.jumping.learning.recipe import DeviationRecipe, DeviationTask, ModelSettings
+from leapgap.jumping.learning.window_extraction import BALLISTIC_S, DeviatingJump
 from leapgap.jumping.models.affine_model import AffineModel
-from leapgap.jumping.models.deviation_model import DeviationModel, PlannedSteps
-from leapgap.jumping.models.rigid_body import RigidBody
+from leapgap.jumping.models.rigid_body import DeviationModel, PlannedSteps, RigidBody
 from leapgap.logs.pair_force import FORCES, per_axis
 
 REGRESSORS = 1 + 6 + FORCES

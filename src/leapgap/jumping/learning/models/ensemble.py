@@ -5,8 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from leapgap.jumping.learning.flat_model import FlatPhase, average_flat_models
-from leapgap.jumping.learning.model import Model, Nominal, ResidualModel
+from leapgap.jumping.learning.model import FlatPhase, Model, Nominal, ResidualModel, average_flat_models
 from leapgap.jumping.learning.models.kernel import KernelModel
 from leapgap.jumping.learning.network import NetworkModel
 from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe

@@ -5,12 +5,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from leapgap.jumping.learning.flat_model import Part
-from leapgap.jumping.learning.model import Model, Nominal, ResidualModel
+from leapgap.jumping.learning.model import Model, Nominal, Part, ResidualModel
 from leapgap.jumping.learning.models.nominal import fit_gains
 from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe, ModelSettings, configured_inputs
-from leapgap.jumping.learning.transitions import Transitions, extract_transitions
-from leapgap.jumping.learning.windows import RolloutInputs, Windows, drop_forces
+from leapgap.jumping.learning.windows import RolloutInputs, Transitions, Windows, drop_forces, extract_transitions
 from leapgap.jumping.models.affine_model import AffineModel, Situation, check_names, columns, selection
 from leapgap.jumping.models.rigid_body import RigidBody
 

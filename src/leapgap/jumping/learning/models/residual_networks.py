@@ -7,7 +7,7 @@ import numpy as np
 
 from leapgap.jumping.learning.model import Model, Nominal
 from leapgap.jumping.learning.models.nominal import fit_gains
-from leapgap.jumping.learning.network import NetworkForecast, NetworkModel, Scaling, random_mlp
+from leapgap.jumping.learning.network import NetworkForecast, NetworkModel, Scaling, orthogonal_mlp, random_mlp
 from leapgap.jumping.learning.recipe import (
     FitTask,
     Fitting,
@@ -16,8 +16,7 @@ from leapgap.jumping.learning.recipe import (
     ModelSettings,
     configured_inputs,
 )
-from leapgap.jumping.learning.transitions import Transitions, extract_transitions
-from leapgap.jumping.learning.windows import Windows, drop_forces
+from leapgap.jumping.learning.windows import TimeGrid, Transitions, Windows, drop_forces, extract_transitions
 from leapgap.jumping.models.affine_model import check_names, columns
 from leapgap.jumping.models.rigid_body import RigidBody
 
@@ -154,3 +153,71 @@ def train_networks(start: NetworkModel, task: FitTask, fitting: Fitting) -> tupl
 
     held_out = task.held_out if len(task.held_out) else None
     return training.fit(start, task.train, held_out, fitting, task.run)
+
+
+PUBLISHED_INPUTS = (
+    "x_from_start",
+    "z_from_start",
+    "pitch",
+    "front_foot_x",
+    "front_foot_z",
+    "rear_foot_x",
+    "rear_foot_z",
+)
+"""q, with positions from the window's start, and r (paper, residual)."""
+PUBLISHED_FITTING = Fitting(
+    steps=20, learning_rate=2e-4, cosine_decay=False, weight_decay=0.0, clip_norm=0.0, loss="sum"
+)
+"""As the paper fits, but for the number of steps."""
+
+
+@dataclass
+class PublishedRecipeConfig(ModelSettings):
+    """The paper's networks to the letter, but for the number of steps (20 000, hours)."""
+
+    section: ClassVar[str] = "published_recipe"
+
+    hidden_h: list[int] = field(default_factory=lambda: [400, 400])
+    hidden_G: list[int] = field(default_factory=lambda: [1000, 1000])  # noqa: N815 - the paper's letter
+    orthogonal_gain: float = 0.1
+    mass_kg: float = 12.0
+    pitch_inertia_kgm2: float = 0.17
+    fitting: Fitting = field(default_factory=lambda: replace(PUBLISHED_FITTING))
+
+
+def initial_published_networks(
+    grid: TimeGrid, nominal: Nominal, config: PublishedRecipeConfig, random: np.random.Generator
+) -> NetworkModel:
+    """The paper's networks before training, with raw inputs.
+
+    Their outputs are velocity changes a step, as in the residual of the released code, which has no Δt.
+    """
+    sizes = {
+        "contact/h": [7, *config.hidden_h, 3],
+        "contact/G": [7, *config.hidden_G, 12],
+        "flight/h": [7, *config.hidden_h, 3],
+    }
+    return NetworkModel(
+        nominal,
+        PUBLISHED_INPUTS,
+        unit_scaling(7, 1 / grid.contact_step_s),
+        unit_scaling(7, 1 / grid.flight_step_s),
+        {name: orthogonal_mlp(size, config.orthogonal_gain, random) for name, size in sizes.items()},
+    )
+
+
+class PublishedRecipe(ModelRecipe):
+    """Raw inputs, one large network a residual, the paper's own body and explicit Euler steps."""
+
+    name = "published_recipe"
+    model = NetworkModel
+    settings = PublishedRecipeConfig
+    colour = "#a3476b"
+    shown_by_step = False
+
+    def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
+        """Train from small orthogonal weights."""
+        config = task.settings(PublishedRecipeConfig)
+        nominal = Nominal(RigidBody(config.mass_kg, config.pitch_inertia_kgm2))
+        start = initial_published_networks(task.train.grid, nominal, config, np.random.default_rng(task.run.seed))
+        return train_networks(start, task, config.fitting)
