@@ -102,47 +102,6 @@ def test_a_killed_training_goes_on_to_the_same_bits(windows: Windows, tmp_path, 
     assert same(resumed, whole) and resumed_curve == curve
 
 
-def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(windows: Windows, tmp_path, monkeypatch):
-    """With a learning rate that soon overshoots: the error on the stopping jumps rises, training ends."""
-    fitting = replace(NETWORKS.fitting, steps=200, learning_rate=0.3, cosine_decay=False, patience=3, stopping_jumps=2)
-    model, curve = fit(windows, None, tmp_path / "whole", fitting)
-    stopped = curve[-1][0]
-    assert 16 <= stopped < 200
-
-    best = training.Learner.error_on
-    seen = []
-
-    def record_error(self, name):
-        found = best(self, name)
-        if name == training.STOPPING:
-            seen.append(found)
-        return found
-
-    step = training.Learner.training_step
-
-    def killed(self, *arguments):
-        if self.trainer.global_step == stopped - 3:
-            raise RuntimeError("killed")
-        return step(self, *arguments)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(training.Learner, "error_on", record_error)
-        patch.setattr(training.Learner, "training_step", killed)
-        with pytest.raises(RuntimeError, match="killed"):
-            fit(windows, None, tmp_path / "cut", fitting)
-    resumed, resumed_curve = fit(windows, None, tmp_path / "cut", fitting)
-    assert same(resumed, model) and resumed_curve == curve
-
-    start = initial_networks(windows, Nominal(A1_BODY), NETWORKS, np.random.default_rng(0))
-    last_two = windows.of_jumps(windows.jumps[-2:])
-    learner = training.Learner(training.ResidualModule(model, 0.0), windows, {}, fitting, 0)
-    learner.batches = {"stopping": training.Batch.of(last_two, torch.device("cpu"))}
-    assert learner.error_on("stopping") == pytest.approx(min(seen), rel=1e-4)
-    assert not same(model, start)
-    with pytest.raises(InputError, match=r"fitting.stopping_jumps: found 6 of 6 training jumps"):
-        fit(windows, None, tmp_path / "bad", replace(fitting, stopping_jumps=6))
-
-
 def corrupt_jump(windows: Windows, jump: str) -> Windows:
     mask = windows.jump == windows.jumps.index(jump)
     arrays = {n: getattr(windows, n).copy() for n in ("state", "force", "foot")}

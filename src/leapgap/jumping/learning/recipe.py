@@ -58,15 +58,11 @@ class Fitting:
     """Weight of the mean absolute outputs of h and G (paper, loss)."""
     loss: str = "mean"
     """Of squared errors over windows, steps and components: ``mean``, or ``sum`` as published."""
-    patience: int = 0
-    """Points of the curve without a smaller error on the stopping jumps until training ends; 0: all steps."""
-    stopping_jumps: int = 0
-    """How many of the training jumps, the last ones, are kept for that; the held-out ones are never asked."""
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing, before any work."""
-        if self.steps < 1 or self.patience < 0 or self.stopping_jumps < 0:
-            raise ValueError("steps of 1 or more, patience and stopping_jumps of 0 or more")
+        if self.steps < 1:
+            raise ValueError("steps of 1 or more")
         if not (0 < self.learning_rate < math.inf and 0 <= self.dropout < 1):
             raise ValueError("a learning_rate above 0, and dropout from 0 up to but not including 1")
         for name in ("weight_decay", "clip_norm", "output_penalty"):
