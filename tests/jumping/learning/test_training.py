@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-import torch
 from omegaconf import OmegaConf
 
 from leapgap.errors import InputError
@@ -249,7 +248,7 @@ def test_networks_of_more_windows_than_fit_into_memory_are_trained_on_some_of_th
     seen, setup = {}, training.Learner.setup
 
     def count(self: training.Learner, stage: str) -> None:
-        seen.update({name: np.bincount(some.jump).tolist() for name, some in self.windows.items()})
+        seen.update({name: np.bincount(some.jump).tolist() for name, some in enumerate(self.windows)})
         setup(self, stage)
 
     monkeypatch.setattr(training, "MOST_WINDOWS", 54)

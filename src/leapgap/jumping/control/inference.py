@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from leapgap.jumping.control.compiler import compiled
-from leapgap.jumping.learning.model_files import read_model
+from leapgap.jumping.learning.model_files import arrays_below, read_model
 from leapgap.jumping.learning.windows import Purpose
 from leapgap.jumping.models.affine_model import KNOWN, KNOWN_FOOT, AffineModel, PredictionModel, Situation, rows
 from leapgap.jumping.models.rigid_body import RigidBodyModel
@@ -144,11 +144,6 @@ def read_phase(arrays: Mapping[str, np.ndarray], kinds: list[str]) -> Phase:
         if (found := part(np.zeros((2, KNOWN))).shape) != (2, OUTPUTS):
             raise ValueError(f"outputs of part {number} of shape {found}, not (2, {OUTPUTS})")
     return Phase(arrays["constant"], arrays["feet"], parts)
-
-
-def arrays_below(arrays: Mapping[str, np.ndarray], place: str) -> dict[str, np.ndarray]:
-    """Arrays whose names begin with ``place/``, with that prefix removed."""
-    return {name.removeprefix(f"{place}/"): a for name, a in arrays.items() if name.startswith(f"{place}/")}
 
 
 FirstStep = Callable[[np.ndarray, np.ndarray, float], np.ndarray]

@@ -136,3 +136,8 @@ def is_finite(value: Any) -> bool:
     if isinstance(value, list):
         return all(map(is_finite, value))
     return not isinstance(value, float) or math.isfinite(value)
+
+
+def arrays_below(arrays: Mapping[str, np.ndarray], place: str) -> dict[str, np.ndarray]:
+    """Arrays whose names begin with ``place/``, with that prefix removed."""
+    return {name.removeprefix(f"{place}/"): a for name, a in arrays.items() if name.startswith(f"{place}/")}

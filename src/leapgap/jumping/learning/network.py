@@ -1,6 +1,6 @@
 """Residual networks read without torch: h1, G1 in contact and h2 in flight, in NumPy, ensembles in one batch."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, ClassVar
@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from leapgap.jumping.learning.model import OUTPUTS, Nominal, Part, ResidualModel
+from leapgap.jumping.learning.model_files import arrays_below
 from leapgap.jumping.learning.windows import RolloutInputs, drop_forces
 from leapgap.jumping.models.affine_model import AffineModel, Situation, columns, selection
 
@@ -23,6 +24,17 @@ class Mlp:
     """Each (S, in, out)."""
     biases: tuple[np.ndarray, ...]
     """Each (S, 1, out)."""
+
+    def arrays(self, name: str) -> dict[str, np.ndarray]:
+        """Its arrays, as ``<name>/weight_0`` and ``<name>/bias_0``."""
+        kinds = {"weight": self.weights, "bias": self.biases}
+        return {f"{name}/{kind}_{i}": one for kind, layers in kinds.items() for i, one in enumerate(layers)}
+
+    @staticmethod
+    def of(arrays: Mapping[str, np.ndarray]) -> "Mlp":
+        """The perceptron of stored arrays ``weight_0``, ``bias_0`` and so on."""
+        layers = range(len(arrays) // 2)
+        return Mlp(*(tuple(arrays[f"{kind}_{i}"] for i in layers) for kind in ("weight", "bias")))
 
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
         """(n, f) → (S, n, outputs)."""
@@ -95,8 +107,7 @@ class NetworkModel(ResidualModel):
             for name, value in vars(part).items()
         }
         for name, network in self.networks.items():
-            found |= {f"{name}/weight_{i}": weight for i, weight in enumerate(network.weights)}
-            found |= {f"{name}/bias_{i}": bias for i, bias in enumerate(network.biases)}
+            found |= network.arrays(name)
         return found
 
     def settings(self) -> dict[str, Any]:
@@ -110,12 +121,7 @@ class NetworkModel(ResidualModel):
             Scaling(**{name: arrays[f"{phase}/{name}"] for name in Scaling.__dataclass_fields__})
             for phase in ("contact", "flight")
         )
-        networks = {}
-        for name in NETWORKS:
-            layers = range(sum(key.startswith(f"{name}/weight_") for key in arrays))
-            networks[name] = Mlp(
-                tuple(arrays[f"{name}/weight_{i}"] for i in layers), tuple(arrays[f"{name}/bias_{i}"] for i in layers)
-            )
+        networks = {name: Mlp.of(arrays_below(arrays, name)) for name in NETWORKS}
         return cls(Nominal.from_json(settings["nominal"]), tuple(settings["inputs"]), contact, flight, networks)
 
 

@@ -8,7 +8,7 @@ import logging
 import shutil
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -25,7 +25,6 @@ from leapgap.jumping.learning.recipe import Fitting, LearningCurve, TrainingRun
 from leapgap.jumping.learning.windows import Windows
 from leapgap.jumping.models.affine_model import Situation, selection
 from leapgap.jumping.models.rigid_body import GRAVITY
-from leapgap.logs.pair_force import FRONT_X, FRONT_Z, REAR_X, REAR_Z
 
 
 @dataclass(frozen=True)
@@ -58,17 +57,41 @@ class Batch:
         )
 
 
+class Networks(torch.nn.ModuleDict):
+    """The trainable twins of perceptrons by name, each of S members side by side."""
+
+    def __init__(self, networks: Mapping[str, Mlp]) -> None:
+        super().__init__()
+        for name, mlp in networks.items():
+            layers = zip(mlp.weights, mlp.biases, strict=True)
+            pairs = [torch.nn.ParameterList([torch.nn.Parameter(torch.tensor(a)) for a in layer]) for layer in layers]
+            self[name] = torch.nn.ModuleList(pairs)
+
+    def run(self, name: str, hidden: torch.Tensor, dropout: float = 0.0) -> torch.Tensor:
+        """One network, (S, n, f) → (S, n, outputs)."""
+        layers: Any = self[name]
+        for weight, bias in layers[:-1]:
+            hidden = torch.tanh(torch.baddbmm(bias, hidden, weight))
+            if dropout and self.training:
+                hidden = torch.nn.functional.dropout(hidden, dropout)
+        weight, bias = layers[-1]
+        return torch.baddbmm(bias, hidden, weight)
+
+    def mlps(self) -> dict[str, Mlp]:
+        """The perceptrons with the weights of this module."""
+        layers: dict[str, Any] = dict(self.items())
+        return {
+            name: Mlp(*(tuple(one[i].detach().cpu().numpy().copy() for one in of_name) for i in (0, 1)))
+            for name, of_name in layers.items()
+        }
+
+
 class ResidualModule(torch.nn.Module):
     """The trainable twin of ``NetworkModel``: S members side by side, single precision."""
 
     def __init__(self, model: NetworkModel, dropout: float) -> None:
         super().__init__()
-        self.dropout = dropout
-        self.networks = torch.nn.ModuleDict()
-        for name in NETWORKS:
-            layers = zip(model.networks[name].weights, model.networks[name].biases, strict=True)
-            pairs = [torch.nn.ParameterList([torch.nn.Parameter(torch.tensor(a)) for a in layer]) for layer in layers]
-            self.networks[name] = torch.nn.ModuleList(pairs)
+        self.dropout, self.networks = dropout, Networks({name: model.networks[name] for name in NETWORKS})
         for phase, part in (("contact", model.contact), ("flight", model.flight)):
             for name in Scaling.__dataclass_fields__:
                 self.register_buffer(f"{phase}_{name}", torch.tensor(getattr(part, name), dtype=torch.float32))
@@ -79,25 +102,15 @@ class ResidualModule(torch.nn.Module):
         self.curvature = model.nominal.curvature
         body = model.nominal.body
         by_force = np.asarray(model.nominal.gains) / [body.mass_kg, body.mass_kg, body.pitch_inertia_kgm2]
-        self.by_force: torch.Tensor
-        self.gravity: torch.Tensor
         self.register_buffer("by_force", torch.tensor(by_force, dtype=torch.float32))
         self.register_buffer("gravity", torch.tensor([0.0, -GRAVITY, 0.0]))
 
     def nominal(self, foot: torch.Tensor, force: torch.Tensor) -> torch.Tensor:
         """Accelerations of the nominal body with its gains, (n, 3)."""
-        pushed = torch.stack(
-            [
-                force[:, FRONT_X] + force[:, REAR_X],
-                force[:, FRONT_Z] + force[:, REAR_Z],
-                foot[:, FRONT_Z] * force[:, FRONT_X]
-                - foot[:, FRONT_X] * force[:, FRONT_Z]
-                + foot[:, REAR_Z] * force[:, REAR_X]
-                - foot[:, REAR_X] * force[:, REAR_Z],
-            ],
-            dim=-1,
-        )
-        return pushed * self.by_force + self.gravity
+        (rx, rz, sx, sz), (fx, fz, gx, gz) = foot.T, force.T  # front, then rear
+        pushed = torch.stack([fx + gx, fz + gz, rz * fx - rx * fz + sz * gx - sx * gz], dim=-1)
+        found: torch.Tensor = pushed * self.by_force + self.gravity
+        return found
 
     def forward(self, situation: Situation, force: torch.Tensor, pushing: bool) -> tuple[torch.Tensor, torch.Tensor]:
         """Accelerations (S, n, 3) in one phase, and the summed mean absolute outputs for the penalty.
@@ -108,30 +121,18 @@ class ResidualModule(torch.nn.Module):
         members = situation.state.shape[0]
         measured = torch.cat([situation.foot, situation.time_s[:, None]], dim=-1).expand(members, -1, -1)
         known = torch.cat([situation.state, situation.start, measured], dim=-1)
-        inputs = known @ self.scaling(phase, "select") - self.scaling(phase, "shift")
-        raw = self.mlp(f"{phase}/h", inputs)
+        scaling = {
+            name: getattr(self, f"{phase}_{name}") for name in (*Scaling.__dataclass_fields__, "select", "shift")
+        }
+        inputs = known @ scaling["select"] - scaling["shift"]
+        raw = self.networks.run(f"{phase}/h", inputs, self.dropout)
         penalty = raw.abs().mean(dim=(1, 2)).sum()
         if pushing:
-            raw_g = self.mlp("contact/G", inputs)
+            raw_g = self.networks.run("contact/G", inputs, self.dropout)
             penalty = penalty + raw_g.abs().mean(dim=(1, 2)).sum()
-            scaled = (force - self.scaling(phase, "force_mean")) / self.scaling(phase, "force_scale")
+            scaled = (force - scaling["force_mean"]) / scaling["force_scale"]
             raw = raw + (raw_g.unflatten(-1, (3, 4)) * scaled[:, None, :]).sum(dim=-1)
-        residual = raw * self.scaling(phase, "scale") + self.scaling(phase, "mean")
-        return residual + self.nominal(situation.foot, force), penalty
-
-    def scaling(self, phase: str, name: str) -> torch.Tensor:
-        """One array of a phase's ``Scaling`` by its name, or ``select`` and ``shift`` that scale the inputs."""
-        return getattr(self, f"{phase}_{name}")
-
-    def mlp(self, name: str, hidden: torch.Tensor) -> torch.Tensor:
-        """One network, (S, n, f) → (S, n, outputs)."""
-        layers: Any = self.networks[name]
-        for weight, bias in layers[:-1]:
-            hidden = torch.tanh(torch.baddbmm(bias, hidden, weight))
-            if self.dropout and self.training:
-                hidden = torch.nn.functional.dropout(hidden, self.dropout)
-        weight, bias = layers[-1]
-        return torch.baddbmm(bias, hidden, weight)
+        return raw * scaling["scale"] + scaling["mean"] + self.nominal(situation.foot, force), penalty
 
     def roll_out(self, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
         """Each member's states after each step, (S, W, K, 6), and the penalty, mean over the steps."""
@@ -151,14 +152,6 @@ class ResidualModule(torch.nn.Module):
             state = torch.cat([state[..., :3] + dt * (velocity + self.curvature * gained), velocity + gained], dim=-1)
             states.append(state)
         return torch.stack(states, dim=2), penalty / len(batch.in_contact)
-
-    def to_model(self, start: NetworkModel) -> NetworkModel:
-        """``start`` with the weights of this module."""
-        networks = {}
-        for name in NETWORKS:
-            layers: Any = self.networks[name]
-            networks[name] = Mlp(*(tuple(layer[i].detach().cpu().numpy().copy() for layer in layers) for i in (0, 1)))
-        return replace(start, networks=networks)
 
 
 DIVERGED, LEAST_LOSS = 1e4, 1e-6
@@ -314,7 +307,7 @@ def fit(
     finally:
         loggers.close(driver.loggers)
     shutil.rmtree(run.scratch, ignore_errors=True)
-    return learner.residual.to_model(model), curve.rows
+    return replace(model, networks=learner.residual.networks.mlps()), curve.rows
 
 
 def silence_advice() -> None:

@@ -46,8 +46,7 @@ class DeviationNetworks(DeviationModel):
         """Units, and by mode the weights and biases of each layer."""
         found = {"scale": self.scale, "unit": self.unit, "acceleration_unit": self.acceleration_unit}
         for name, network in self.networks.items():
-            found |= {f"{name}/weight_{i}": weight for i, weight in enumerate(network.weights)}
-            found |= {f"{name}/bias_{i}": bias for i, bias in enumerate(network.biases)}
+            found |= network.arrays(name)
         return found
 
 

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from leapgap.jumping.learning.model import Model, Nominal, Part, ResidualModel
+from leapgap.jumping.learning.model_files import arrays_below
 from leapgap.jumping.learning.models.nominal import fit_gains
 from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe, ModelSettings, configured_inputs
 from leapgap.jumping.learning.windows import RolloutInputs, Transitions, Windows, drop_forces, extract_transitions
@@ -124,10 +125,8 @@ class KernelModel(ResidualModel):
     @classmethod
     def from_parts(cls, arrays: dict[str, np.ndarray], settings: dict[str, Any]) -> "KernelModel":
         """The model of stored parts."""
-        parts = {}
-        for phase in PHASES:
-            mine = {name.removeprefix(f"{phase}/"): a for name, a in arrays.items() if name.startswith(f"{phase}/")}
-            parts[phase] = KernelPart(**mine) if mine else None
+        found = {phase: arrays_below(arrays, phase) for phase in PHASES}
+        parts = {phase: KernelPart(**mine) if mine else None for phase, mine in found.items()}
         return cls(Nominal.from_json(settings["nominal"]), tuple(settings["inputs"]), **parts)
 
 
