@@ -255,5 +255,5 @@ def test_networks_of_more_windows_than_fit_into_memory_are_trained_on_some_of_th
     monkeypatch.setattr(training.Learner, "setup", count)
     held_out = windows.of_jumps(windows.jumps[4:])
     _, curve = fit(windows, held_out, tmp_path / "a", replace(NETWORKS.fitting, steps=4))
-    assert seen == {"train": [9] * 6, "held_out": [27, 27]}
+    assert seen == {0: [9] * 6, 1: [27, 27]}
     assert len(curve) == 1 and np.isfinite(curve[0]).all()

@@ -26,8 +26,7 @@ LARGEST = {
 }
 """Largest absolute value that can have been measured: m, m/s, rad/s, rad, rad/s."""
 QUATERNION_NORMS = (0.9, 1.1)
-LONGEST_GAP_S = 1.0
-"""Longest time between two ticks that follow each other."""
+LONGEST_GAP_S = 1.0  # Longest time between two ticks that follow each other
 LARGEST_TIME_S = 1e9
 NUMBERS = (int, float, np.floating, np.integer)
 FLOAT, BOOL = np.dtype(np.float64), np.dtype(bool)
@@ -49,8 +48,7 @@ class JointGains:
 class SafeCommand:
     """What is sent while a controller has no usable time."""
 
-    hold_ticks: int = 20
-    """Ticks for which the last command is repeated."""
+    hold_ticks: int = 20  # Ticks for which the last command is repeated
     damping: JointGains = field(default_factory=lambda: JointGains(0.0, 3.0))
     """Joint gains after that; velocities are brought to zero."""
 
@@ -71,8 +69,7 @@ class Border:
         self._since_used = 0
         self._offset_s = 0.0
         self._last: Command | None = None
-        self.newest: StateEstimate | None = None
-        """What ``judged`` returned last."""
+        self.newest: StateEstimate | None = None  # What ``judged`` returned last
 
     def judged(self, estimate: StateEstimate) -> StateEstimate | None:
         """The estimate, its impossible values NaN; None where its time cannot be used.

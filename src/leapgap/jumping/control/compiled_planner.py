@@ -16,51 +16,32 @@ from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.models.affine_model import PredictionModel
 from leapgap.jumping.models.rigid_body import DeviationModel
 
-SOLVED, NOT_FINITE, INACCURATE, FAILED = 0, 1, 2, 3
-"""What ``solve_update`` returns."""
-VIOLATION_N = 1e-7
-"""Violation of a limit that counts as none, N."""
-INDEPENDENT = 1e-12
-"""Share of a row that must not depend on the active ones."""
+SOLVED, NOT_FINITE, INACCURATE, FAILED = 0, 1, 2, 3  # What ``solve_update`` returns
+VIOLATION_N = 1e-7  # Violation of a limit that counts as none, N
+INDEPENDENT = 1e-12  # Share of a row that must not depend on the active ones
 
 
 @dataclass(frozen=True)
 class DualTables:
     """One update's problem for every measured state; m₀ forces in the first step, m later ones, c rows."""
 
-    cost_to_go: np.ndarray
-    """V, (6, 6)."""
-    slope_to_go: np.ndarray
-    """v, (6,)."""
-    later: np.ndarray
-    """U_c, (m,), N."""
-    later_by_state: np.ndarray
-    """Fᵀ, (6, m)."""
-    later_by_row: np.ndarray
-    """P_UU⁻¹ Aᵀ by row, (c, m)."""
-    gram: np.ndarray
-    """A P_UU⁻¹ Aᵀ, (c, c)."""
-    rows_by_state: np.ndarray
-    """(A F)ᵀ, (6, c)."""
-    excess: np.ndarray
-    """A U_c − b, (c,), N."""
-    rows: np.ndarray
-    """A₀ and A side by side, (c, n)."""
-    by_force: np.ndarray
-    """The same, transposed, (n, c)."""
-    bounds: np.ndarray
-    """b, (c,), N."""
-    start: np.ndarray
-    """Rows that are active at first, int."""
+    cost_to_go: np.ndarray  # V, (6, 6)
+    slope_to_go: np.ndarray  # v, (6,)
+    later: np.ndarray  # U_c, (m,), N
+    later_by_state: np.ndarray  # Fᵀ, (6, m)
+    later_by_row: np.ndarray  # P_UU⁻¹ Aᵀ by row, (c, m)
+    gram: np.ndarray  # A P_UU⁻¹ Aᵀ, (c, c)
+    rows_by_state: np.ndarray  # (A F)ᵀ, (6, c)
+    excess: np.ndarray  # A U_c − b, (c,), N
+    rows: np.ndarray  # A₀ and A side by side, (c, n)
+    by_force: np.ndarray  # The same, transposed, (n, c)
+    bounds: np.ndarray  # b, (c,), N
+    start: np.ndarray  # Rows that are active at first, int
     quadratic: np.ndarray
-    linear: np.ndarray
-    """P and p of (x₁, U)."""
-    first: np.ndarray
-    """Which of the four forces are variables in the first step, int, (m₀,)."""
-    push_s: np.ndarray
-    """Time for which each of them pushes in it, s, (m₀,)."""
-    first_force: np.ndarray
-    """Their reference, N, (m₀,)."""
+    linear: np.ndarray  # P and p of (x₁, U)
+    first: np.ndarray  # Which of the four forces are variables in the first step, int, (m₀,)
+    push_s: np.ndarray  # Time for which each of them pushes in it, s, (m₀,)
+    first_force: np.ndarray  # Their reference, N, (m₀,)
     numbers: np.ndarray
     """Length of the first step, s; curvature; weight of a force; tolerances of fault, N and relative, (5,)."""
 

@@ -21,18 +21,15 @@ from leapgap.jumping.models.rigid_body import POSITION, VELOCITY, advance
 from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, FORCES, per_axis
 
-ROUNDING_S = 1e-6
-"""Times closer than this count as equal, as in ``ContactSchedule.in_contact``."""
+ROUNDING_S = 1e-6  # Times closer than this count as equal, as in ``ContactSchedule.in_contact``
 
 
 @dataclass(frozen=True)
 class Horizon:
     """The n ≤ K steps of one prediction."""
 
-    time_s: np.ndarray
-    """Start of each step and end of the last one, since the start of the jump, (n + 1,)."""
-    share: np.ndarray
-    """Part of each step during which the front and the rear pair are planned to push, 0…1, (n, 2)."""
+    time_s: np.ndarray  # Start of each step and end of the last one, since the start of the jump, (n + 1,)
+    share: np.ndarray  # Part of each step during which the front and the rear pair are planned to push, 0…1, (n, 2)
 
     def __len__(self) -> int:
         return len(self.share)
@@ -92,8 +89,7 @@ class ForceLimits:
     friction: float = 0.6
     largest_n: float = 350.0
     smallest_n: float = 0.0
-    from_plan_n: float | None = None
-    """Largest departure of each force from the planned one; None: any."""
+    from_plan_n: float | None = None  # Largest departure of each force from the planned one; None: any
 
     def __post_init__(self) -> None:
         if not (0 < self.friction < np.inf and 0 <= self.smallest_n < self.largest_n < np.inf):
@@ -114,21 +110,15 @@ class PreparedQp:
     """Cost after the first step, ½ zᵀ P z + pᵀ z of z = (x₁, U), and which forces are the variables of the QP."""
 
     horizon: Horizon
-    quadratic: np.ndarray
-    """P, (6 + m, 6 + m)."""
-    linear: np.ndarray
-    """p, (6 + m,)."""
+    quadratic: np.ndarray  # P, (6 + m, 6 + m)
+    linear: np.ndarray  # p, (6 + m,)
     pushing: np.ndarray
     """Which forces (front x z, rear x z) are variables at each step, bool, (n, 4); the others are zero."""
-    first: np.ndarray
-    """Indices of the forces that are variables in the first step, (m₀,)."""
-    first_push_s: np.ndarray
-    """Time for which each of them pushes in the first step, s, (m₀,)."""
-    curvature: float
-    """c."""
+    first: np.ndarray  # Indices of the forces that are variables in the first step, (m₀,)
+    first_push_s: np.ndarray  # Time for which each of them pushes in the first step, s, (m₀,)
+    curvature: float  # c
     force_weight: float
-    first_force: np.ndarray
-    """Reference of the first step's variables, (m₀,), N."""
+    first_force: np.ndarray  # Reference of the first step's variables, (m₀,), N
     lower: np.ndarray
     upper: np.ndarray
     rows: np.ndarray

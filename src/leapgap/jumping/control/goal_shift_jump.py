@@ -23,13 +23,11 @@ class LateStance:
 
     pitches: np.ndarray
     """Pitches of the ground under the feet, rising, (p,), rad, nose-down. One beyond them is not believed."""
-    goals: np.ndarray
-    """Goal of a jump from each of them, (p, 3), m, m, rad; linear in between."""
+    goals: np.ndarray  # Goal of a jump from each of them, (p, 3), m, m, rad; linear in between
     until_s: float = 0.049
     """Estimates before this time since the start are used. It is a tick before an update, so that choosing the goal and
     solving the first program for it do not come in one tick."""
-    reach_s: float = 0.05
-    """Time in which the plan from the measured stance is reached."""
+    reach_s: float = 0.05  # Time in which the plan from the measured stance is reached
 
     def goal(self, pitch: float) -> np.ndarray | None:
         """Goal of a jump from a stance, (3,); None where there is no such ground."""
@@ -68,8 +66,7 @@ class StanceMeter:
 class Transition:
     """The way from the plan of the expected stance to that of the measured one, linear in time."""
 
-    change: np.ndarray
-    """Change of goal and stance, (4,), m, m, rad, rad."""
+    change: np.ndarray  # Change of goal and stance, (4,), m, m, rad, rad
     begin_s: float
     lasts_s: float
 
@@ -139,8 +136,7 @@ class ShiftTracker(JumpController):
         self._shift, self._rate = np.zeros(GOAL_AXES), np.zeros(GOAL_AXES)
         """Shift of this tick, and its rate per s; of the stance as well where that was measured late, (4,)."""
         self._updates = 0
-        self.late = late
-        """What is still to be measured; None afterwards."""
+        self.late = late  # What is still to be measured; None afterwards
         self._meter = StanceMeter(self.legs)
         self._transition: Transition | None = None
 

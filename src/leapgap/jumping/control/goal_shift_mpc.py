@@ -54,10 +54,8 @@ class ChangeRule:
 class CalmMotion:
     """How the deviation from the plan goes on from each of T updates to the next while nothing happens."""
 
-    carry: np.ndarray
-    """Deviation at an update from [1, that at the update before], (T, 11, 10)."""
-    precision: np.ndarray
-    """Inverse covariance of what is left, (T, 10, 10)."""
+    carry: np.ndarray  # Deviation at an update from [1, that at the update before], (T, 11, 10)
+    precision: np.ndarray  # Inverse covariance of what is left, (T, 10, 10)
 
     def carried(self, update: int, before: np.ndarray) -> np.ndarray:
         """The deviation (10,) that is expected at an update after that of the update before (10,)."""
@@ -82,8 +80,7 @@ class ChangeWatch:
         self._recent: deque[float] = deque(maxlen=RECENT)
         self._calm: np.ndarray | None = None
         """The deviation (10,) at the last update; since a change, what it would be without that."""
-        self._since = np.zeros(DEVIATIONS)
-        """What a change had added to it then."""
+        self._since = np.zeros(DEVIATIONS)  # What a change had added to it then
         self._update = -1
 
     def since(self, update: int, deviation: np.ndarray) -> np.ndarray | None:
@@ -120,11 +117,9 @@ class ChangeWatch:
         return surprise > self.rule.least_surprise and surprise > self.rule.times_recent * usual
 
 
-PITCH, HEIGHT, EFFORT = 0, 1, 2
-"""Slacks of the QP: of the landing's pitch, of its height, and of forces and torques."""
+PITCH, HEIGHT, EFFORT = 0, 1, 2  # Slacks of the QP: of the landing's pitch, of its height, and of forces and torques
 SLACKS = 3
-HEIGHT_AXIS, PITCH_AXIS = 1, 2
-"""Places of height and pitch in a landing."""
+HEIGHT_AXIS, PITCH_AXIS = 1, 2  # Places of height and pitch in a landing
 
 
 class LandingPredictor(Protocol):
@@ -158,25 +153,17 @@ class LandingPredictor(Protocol):
 class GoalShiftConfig:
     """Settings of the MPC; x and z of the landing in m, its pitch in rad."""
 
-    period_s: float = 0.025
-    """Time from one update of the shift to the next, s."""
-    steps: int = 6
-    """Steps of the horizon, the last of which ends at the landing."""
-    matters: tuple[float, float, float] = (0.01, 0.03, 0.1)
-    """Landing errors that cost alike."""
-    scale: tuple[float, float, float] = (0.05, 0.04, 0.08)
-    """Changes of the shift from step to step that cost one each."""
+    period_s: float = 0.025  # Time from one update of the shift to the next, s
+    steps: int = 6  # Steps of the horizon, the last of which ends at the landing
+    matters: tuple[float, float, float] = (0.01, 0.03, 0.1)  # Landing errors that cost alike
+    scale: tuple[float, float, float] = (0.05, 0.04, 0.08)  # Changes of the shift from step to step that cost one each
     on_rear_feet: bool = False
     """Whether the shift still changes when only the rear feet push. Then it moves the landing a third as far and turns
     the trunk, and a weak robot whose motors are at their limit falls by it."""
-    authority_doubt: float = 0.3
-    """Standard deviation of G beyond what the model states, as a share of G."""
-    timing_doubt_s: float = 0.005
-    """Standard deviation of the time at which a shift has its effect."""
-    largest: tuple[float, float, float] = (0.15, 0.1, 0.2)
-    """Largest shift."""
-    largest_change: tuple[float, float, float] = (0.025, 0.02, 0.04)
-    """Largest change of the shift at one update."""
+    authority_doubt: float = 0.3  # Standard deviation of G beyond what the model states, as a share of G
+    timing_doubt_s: float = 0.005  # Standard deviation of the time at which a shift has its effect
+    largest: tuple[float, float, float] = (0.15, 0.1, 0.2)  # Largest shift
+    largest_change: tuple[float, float, float] = (0.025, 0.02, 0.04)  # Largest change of the shift at one update
     largest_pitch_rad: float = 0.15
     """Largest predicted pitch at the landing; at 15° (0.26 rad) a landing counts as a fall."""
     below_target_m: float = 0.06
@@ -184,8 +171,7 @@ class GoalShiftConfig:
     centimetres of x after a kick: on flat ground a low landing is an early one."""
     limits: ForceLimits = field(default_factory=lambda: ForceLimits(friction=0.7, largest_n=350.0, smallest_n=10.0))
     """Limits of the ground forces of the shifted plan, of a pair."""
-    torque_nm: float = 33.5
-    """Limit of the joint torques of the shifted plan."""
+    torque_nm: float = 33.5  # Limit of the joint torques of the shifted plan
     soft_landing: tuple[float, float] = (0.08, 0.03)
     """Violations of the limits of pitch, rad, and of height, m, that cost ``slack_weight`` each."""
     soft_effort: tuple[float, float] = (10.0, 2.0)
@@ -194,23 +180,18 @@ class GoalShiftConfig:
     slack_weight: float = 100.0
     sudden: ChangeRule = field(default_factory=ChangeRule)
     """What counts as sudden. Before that no shift moves the goal, which was chosen with all that was known."""
-    average_s: float = 0.01
-    """Time over which the measured deviation from the plan is averaged."""
+    average_s: float = 0.01  # Time over which the measured deviation from the plan is averaged
 
 
 @dataclass(frozen=True)
 class UpdateBasis:
     """What the QP of one update has in common for all goals and stances that the plan is moved to."""
 
-    edges: np.ndarray
-    """First update of each step, and the end of the last one, (steps + 1,)."""
-    hessian: np.ndarray
-    """Costs of changes of the shift, of what the model states as errors, and of slacks, (n, n)."""
-    landing: np.ndarray
-    """Slacks in the limits of the landing, (3, n); what the shifts do is not in it."""
+    edges: np.ndarray  # First update of each step, and the end of the last one, (steps + 1,)
+    hessian: np.ndarray  # Costs of changes of the shift, of what the model states as errors, and of slacks, (n, n)
+    landing: np.ndarray  # Slacks in the limits of the landing, (3, n); what the shifts do is not in it
     efforts: Efforts
-    effort_rows: np.ndarray
-    """Limits of forces and torques on shifts and slacks, (m, n)."""
+    effort_rows: np.ndarray  # Limits of forces and torques on shifts and slacks, (m, n)
 
     @property
     def steps(self) -> int:
@@ -222,15 +203,11 @@ class UpdateBasis:
 class PreparedUpdate:
     """What one update's QP has in common for all measurements."""
 
-    authority: np.ndarray
-    """Change of the landing by the shift of each step, (3, 3 steps)."""
+    authority: np.ndarray  # Change of the landing by the shift of each step, (3, 3 steps)
     hessian: np.ndarray
-    rows: np.ndarray
-    """Constraints on shifts and slacks, (m, n): pitch up and down, height, then efforts."""
-    effort: np.ndarray
-    """Distance of the plan without shift to its limits, (m − 3,)."""
-    effort_by_shift: np.ndarray
-    """Change of the efforts by one shift of all steps, (m − 3, 3)."""
+    rows: np.ndarray  # Constraints on shifts and slacks, (m, n): pitch up and down, height, then efforts
+    effort: np.ndarray  # Distance of the plan without shift to its limits, (m − 3,)
+    effort_by_shift: np.ndarray  # Change of the efforts by one shift of all steps, (m − 3, 3)
 
 
 class GoalShiftPlanner:

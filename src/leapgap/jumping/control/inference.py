@@ -23,8 +23,7 @@ from leapgap.jumping.models.affine_model import KNOWN, KNOWN_FOOT, AffineModel, 
 from leapgap.jumping.models.rigid_body import RigidBodyModel
 
 FORMAT_VERSION = 2
-OUTPUTS, FEET, STATES = 15, 4, 6
-"""bias (3) and by_force (3 × 4); front and rear foot, x and z; numbers of a state."""
+OUTPUTS, FEET, STATES = 15, 4, 6  # bias (3) and by_force (3 × 4); front and rear foot, x and z; numbers of a state
 PHASES = ("contact", "flight")
 
 
@@ -32,8 +31,7 @@ PHASES = ("contact", "flight")
 class Perceptron:
     """tanh between layers; single precision, as it was trained."""
 
-    layers: tuple[tuple[np.ndarray, np.ndarray], ...]
-    """Weight (in, out) and bias (out,) of each."""
+    layers: tuple[tuple[np.ndarray, np.ndarray], ...]  # Weight (in, out) and bias (out,) of each
 
     @staticmethod
     def of(arrays: Mapping[str, np.ndarray]) -> "Perceptron":
@@ -77,10 +75,8 @@ PARTS = {"perceptron": Perceptron.of, "kernel": kernel}
 class Phase:
     """Prediction of one phase: contact, or flight."""
 
-    constant: np.ndarray
-    """(15,)."""
-    feet: np.ndarray
-    """(4, 15), of foot − base, front x z, rear x z: the moments of the nominal body."""
+    constant: np.ndarray  # (15,)
+    feet: np.ndarray  # (4, 15), of foot − base, front x z, rear x z: the moments of the nominal body
     parts: tuple[Callable[[np.ndarray], np.ndarray], ...]
     """Functions from known inputs (n, 17) to outputs (n, 15), which are added up."""
 
@@ -199,8 +195,7 @@ class CompiledSum:
     """Inputs and outputs of each layer, whether it is its perceptron's last, whether it is wide, int, (layers, 4)."""
     numbers: np.ndarray
     """Weights (in, out) and bias of each layer, float32; a wide one has scales of its outputs in place of weights."""
-    wide: np.ndarray
-    """Weights of wide layers, (in, out), in units of the scale of their output, int16."""
+    wide: np.ndarray  # Weights of wide layers, (in, out), in units of the scale of their output, int16
 
     @staticmethod
     def of(constant: np.ndarray, feet: np.ndarray, parts: tuple[Perceptron, ...]) -> "CompiledSum":
@@ -225,8 +220,7 @@ class CompiledSum:
         return found
 
 
-SMALL = np.float32(4.5)
-"""tanh(2 · 4.5) is 1 in single precision."""
+SMALL = np.float32(4.5)  # tanh(2 · 4.5) is 1 in single precision
 HALF, TWO, ONE_32 = np.float32(0.5), np.float32(2.0), np.float32(1.0)
 UP = tuple(np.float32(c) for c in (135135.0, 17325.0, 378.0))
 DOWN = tuple(np.float32(c) for c in (135135.0, 62370.0, 3150.0, 28.0))

@@ -28,16 +28,13 @@ class LandingConfig:
     """Settings of the landing's MPC. Steps, duration and soft joint gains are as published, the weights are our own."""
 
     steps: int = 10
-    step_s: float = 0.025
-    """Length of a step, and time between updates."""
+    step_s: float = 0.025  # Length of a step, and time between updates
     duration_s: float = 0.2
-    height_m: float = 0.18
-    """Height of the base over the soles of its feet, at rest."""
+    height_m: float = 0.18  # Height of the base over the soles of its feet, at rest
     weights: StateWeights = field(
         default_factory=lambda: StateWeights(x=50.0, z=100.0, pitch=100.0, vx=10.0, vz=5.0, pitch_rate=5.0)
     )
-    force_weight: float = 1e-5
-    """Cost of a force's difference from half the robot's weight on each pair, per N²."""
+    force_weight: float = 1e-5  # Cost of a force's difference from half the robot's weight on each pair, per N²
     limits: ForceLimits = field(default_factory=lambda: ForceLimits(friction=0.6, largest_n=350.0, smallest_n=10.0))
     gains: JointGains = field(default_factory=lambda: JointGains(5.0, 1.0))
     qp: QpConfig = field(default_factory=QpConfig)
@@ -158,8 +155,7 @@ class SequenceConfig:
     """Time after the planned take-off; feet that touch earlier have not left the ground yet."""
     latest_touch_s: float = 0.3
     """Time after the planned landing; where not both pairs are on the ground by then, the legs settle at once."""
-    confirm_s: float = 0.003
-    """Both pairs must touch for this long before the landing begins."""
+    confirm_s: float = 0.003  # Both pairs must touch for this long before the landing begins
     settle_s: float = 0.6
     """Time from the end of the landing to the next jump, in which the legs move to its first pose and stand."""
     settle_gains: JointGains = field(default_factory=lambda: JointGains(100.0, 3.0))

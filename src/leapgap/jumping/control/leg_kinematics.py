@@ -22,8 +22,7 @@ class StartFrame:
     x_m: float
     y_m: float
     yaw_rad: float
-    level_m: float = 0.0
-    """Height in the world of the reference's z = 0."""
+    level_m: float = 0.0  # Height in the world of the reference's z = 0
 
     @staticmethod
     def of(estimate: StateEstimate, level_m: float = 0.0) -> "StartFrame":
@@ -119,22 +118,15 @@ class LegKinematics:
 class LegChains:
     """For each foot the links from the base to it, one after another, and the joints that turn them."""
 
-    links_of_foot: np.ndarray
-    """First link of each foot in the tables of links, and their number, int, (feet + 1,)."""
+    links_of_foot: np.ndarray  # First link of each foot in the tables of links, and their number, int, (feet + 1,)
     link_position: np.ndarray
-    link_rotation: np.ndarray
-    """In the link before, m, (links, 3) and (links, 9)."""
-    link_joint: np.ndarray
-    """Joint that turns the link, or −1, int, (links,)."""
+    link_rotation: np.ndarray  # In the link before, m, (links, 3) and (links, 9)
+    link_joint: np.ndarray  # Joint that turns the link, or −1, int, (links,)
     link_axis: np.ndarray
-    link_anchor: np.ndarray
-    """Of that joint, in the link, (links, 3)."""
-    link_zero: np.ndarray
-    """Angle of the joint at which the link is as tabled, rad, (links,)."""
-    foot_point: np.ndarray
-    """Centre of the foot in its last link, m, (feet, 3)."""
-    foot_share: np.ndarray
-    """Part of the foot in the mean of the front and of the rear pair, (feet, 2)."""
+    link_anchor: np.ndarray  # Of that joint, in the link, (links, 3)
+    link_zero: np.ndarray  # Angle of the joint at which the link is as tabled, rad, (links,)
+    foot_point: np.ndarray  # Centre of the foot in its last link, m, (feet, 3)
+    foot_share: np.ndarray  # Part of the foot in the mean of the front and of the rear pair, (feet, 2)
 
     @property
     def tables(self) -> dict[str, np.ndarray]:

@@ -56,13 +56,11 @@ class MpcConfig:
     """Settings of the MPC, as published."""
 
     grid: TimeGrid = field(default_factory=TimeGrid)
-    period_s: float = 0.025
-    """Time between updates; the first force is held in between."""
+    period_s: float = 0.025  # Time between updates; the first force is held in between
     weights: StateWeights = field(default_factory=StateWeights)
     landing_weights: StateWeights | None = None
     """In place of ``weights`` at the planned landing, where the horizon reaches it; None: the same there."""
-    force_weight: float = 1e-6
-    """Cost of a force's difference from the reference, per N²."""
+    force_weight: float = 1e-6  # Cost of a force's difference from the reference, per N²
     to_expected: bool = False
     """Whether the MPC aims at what a model of the deviation expects of the plan alone, not at the plan: the goal was
     chosen for that."""
@@ -217,11 +215,9 @@ class ForcePlan:
     """Forces of the steps of a horizon, and the solution they come from."""
 
     horizon: Horizon
-    force: np.ndarray
-    """Front x z, rear x z on the robot, N, constant during each step, (n, 4)."""
+    force: np.ndarray  # Front x z, rear x z on the robot, N, constant during each step, (n, 4)
     solution: QpSolution | None = None
-    fallback: str | None = None
-    """Why this update has no usable solution, or None."""
+    fallback: str | None = None  # Why this update has no usable solution, or None
 
     def at(self, time_s: float) -> np.ndarray:
         """Force planned for a moment, (4,); zero outside of the horizon."""

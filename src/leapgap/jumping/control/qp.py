@@ -24,17 +24,12 @@ SOLVED, INFEASIBLE, OUT_OF_TIME, FAILED = "solved", "infeasible", "out of time",
 class Qp:
     """min ½ xᵀ H x + fᵀ x with lower ≤ x ≤ upper and A x ≤ row_upper; H positive definite."""
 
-    hessian: np.ndarray
-    """H, (n, n)."""
-    gradient: np.ndarray
-    """f, (n,)."""
+    hessian: np.ndarray  # H, (n, n)
+    gradient: np.ndarray  # f, (n,)
     lower: np.ndarray
-    upper: np.ndarray
-    """(n,) each; infinite where there is none."""
-    rows: np.ndarray
-    """A, (m, n)."""
-    row_upper: np.ndarray
-    """(m,)."""
+    upper: np.ndarray  # (n,) each; infinite where there is none
+    rows: np.ndarray  # A, (m, n)
+    row_upper: np.ndarray  # (m,)
 
     @cached_property
     def is_finite(self) -> bool:
@@ -63,13 +58,11 @@ class QpSolution:
     """A solver's answer to a problem, and its residuals computed from the problem rather than taken from the solver."""
 
     problem: Qp
-    x: np.ndarray
-    """Solution, (n,); not finite where none was found."""
+    x: np.ndarray  # Solution, (n,); not finite where none was found
     dual: np.ndarray
     """Multipliers of the n bounds, then of the m rows: positive at an upper bound, negative at a lower one."""
     status: str
-    seconds: float
-    """Wall time inside the solver and its call."""
+    seconds: float  # Wall time inside the solver and its call
 
     @cached_property
     def primal_residual(self) -> float:
@@ -112,13 +105,10 @@ class QpConfig:
     """Section ``qp``: the solver and its tolerances; values for the other solver are ignored."""
 
     backend: str = "daqp"
-    primal_tolerance: float = 1e-6
-    """Constraint tolerance of ``daqp``, in the units of x."""
+    primal_tolerance: float = 1e-6  # Constraint tolerance of ``daqp``, in the units of x
     max_iterations: int = 20_000
-    eps: float = 1e-6
-    """Absolute and relative tolerance of ``osqp``."""
-    rho: float = 1e-3
-    """First step size of ``osqp``."""
+    eps: float = 1e-6  # Absolute and relative tolerance of ``osqp``
+    rho: float = 1e-3  # First step size of ``osqp``
 
 
 class QpSolver(ABC):
@@ -246,8 +236,7 @@ class SolutionRequirements:
 
     deadline_s: float | None = None
     """Time to build and solve a problem; None: no limit, so that runs repeat bit for bit."""
-    primal_tolerance_n: float = 0.1
-    """Largest violation of a limit, N."""
+    primal_tolerance_n: float = 0.1  # Largest violation of a limit, N
     relative_dual_tolerance: float = 1e-4
     """Largest dual residual, relative to the problem's gradient; a badly conditioned problem fails here."""
 

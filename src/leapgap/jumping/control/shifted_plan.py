@@ -20,8 +20,7 @@ from leapgap.robot.topology import PAIRS
 from leapgap.simulation.controller import StateEstimate
 
 QUANTITIES = ("state", "foot", "joint_pos", "joint_vel", "torque", "force")
-GOAL_AXES = 3
-"""x and z of the landing, m, and its pitch, rad."""
+GOAL_AXES = 3  # x and z of the landing, m, and its pitch, rad
 DEVIATIONS = 10
 """Trunk (x z pitch and their rates) and feet (front x z, rear x z, relative to the base) − those of a shifted plan."""
 
@@ -107,8 +106,7 @@ class ShiftGrid:
         return edges
 
 
-BEFORE_NEXT_S = 0.002
-"""The last sample of a step is this long before its end."""
+BEFORE_NEXT_S = 0.002  # The last sample of a step is this long before its end
 
 
 @dataclass(frozen=True)
@@ -117,8 +115,7 @@ class EffortLimits:
 
     force: ForceLimits
     torque_nm: float
-    soft: tuple[float, float]
-    """Violations of a force limit, N, and of a torque limit, N·m, that cost alike."""
+    soft: tuple[float, float]  # Violations of a force limit, N, and of a torque limit, N·m, that cost alike
 
 
 @dataclass(frozen=True)
@@ -129,14 +126,10 @@ class Efforts:
     ``axes`` are those of the plan. Forces are limited where the plan itself pushes.
     """
 
-    step: np.ndarray
-    """Step of the horizon, int, (m,)."""
-    slope: np.ndarray
-    """Change of the effort by goal and stance, (m, axes)."""
-    soft: np.ndarray
-    """(m,)."""
-    distance: np.ndarray
-    """Distance of the plan itself to the limit, (m,)."""
+    step: np.ndarray  # Step of the horizon, int, (m,)
+    slope: np.ndarray  # Change of the effort by goal and stance, (m, axes)
+    soft: np.ndarray  # (m,)
+    distance: np.ndarray  # Distance of the plan itself to the limit, (m,)
 
     def room(self, change: np.ndarray) -> np.ndarray:
         """Distance to the limit where goal and stance were changed (axes,), (m,)."""
@@ -179,10 +172,8 @@ def efforts_of(plan: ShiftedPlan, grid: ShiftGrid, edges: np.ndarray, limits: Ef
 class Observation:
     """When the deviation from the plan is kept."""
 
-    period_s: float = 0.025
-    """Time from one update of the shift to the next, s."""
-    average_s: float = 0.01
-    """Time before each update over which the deviation is averaged."""
+    period_s: float = 0.025  # Time from one update of the shift to the next, s
+    average_s: float = 0.01  # Time before each update over which the deviation is averaged
 
 
 class DeviationRecorder:

@@ -28,18 +28,14 @@ class Reference:
     name: str
     schedule: ContactSchedule
     period_s: float
-    state: np.ndarray
-    """x z pitch and rates, m, rad, s, (rows, 6); x from the start of the jump."""
+    state: np.ndarray  # x z pitch and rates, m, rad, s, (rows, 6); x from the start of the jump
     force: np.ndarray
     """Planned ground force on the robot, front x z, rear x z, N, zero where no contact is planned, (rows, 4)."""
-    foot: np.ndarray
-    """Foot − base, mean of each pair, front x z, rear x z, m, (rows, 4)."""
+    foot: np.ndarray  # Foot − base, mean of each pair, front x z, rear x z, m, (rows, 4)
     joint_pos: np.ndarray
     joint_vel: np.ndarray
-    torque: np.ndarray
-    """(rows, joints) each, rad, rad/s, N·m, joint order of the robot."""
-    target: Target = field(default_factory=lambda: Target(0.0))
-    """Where it lands, from its start, m."""
+    torque: np.ndarray  # (rows, joints) each, rad, rad/s, N·m, joint order of the robot
+    target: Target = field(default_factory=lambda: Target(0.0))  # Where it lands, from its start, m
 
     @staticmethod
     def of(jump: Log, robot: Robot) -> "Reference":
@@ -99,8 +95,7 @@ class LandingPose:
     """Pose and gains of the legs from some time before the planned landing on; published: 0.1 s, 0.5 rad, 80/1."""
 
     before_landing_s: float = 0.0
-    front_forward_rad: float = 0.0
-    """Forward rotation of the front thighs."""
+    front_forward_rad: float = 0.0  # Forward rotation of the front thighs
     front: JointGains = field(default_factory=JointGains)
     rear: JointGains = field(default_factory=JointGains)
 

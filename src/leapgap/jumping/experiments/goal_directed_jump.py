@@ -24,8 +24,7 @@ GOAL = ("x", "z", "pitch")
 """Layout of a goal and of a landing: m, m over the height of a robot that stands on level ground, rad nose-down."""
 
 
-REWEIGHTINGS = 10
-"""Iterations of the reweighting; most data sets settle after three."""
+REWEIGHTINGS = 10  # Iterations of the reweighting; most data sets settle after three
 LEAST_WEIGHT = 1e-4
 
 
@@ -35,31 +34,25 @@ class AimConfig:
 
     scale: tuple[float, float, float, float] = (0.2, 0.1, 0.2, 0.1)
     """Typical change of each input: x, z and pitch of the goal, and pitch of the stance; m, m, rad, rad."""
-    length: float = 1.5
-    """Length scale of the kernel, in units of ``scale``."""
-    trend_ridge: float = 1.0
-    """Ridge of the linear trend. A quadratic trend extrapolates badly, for example to a box."""
-    noise: float = 0.02
-    """Variance of what does not repeat from jump to jump, as a share of the kernel's variance."""
+    length: float = 1.5  # Length scale of the kernel, in units of ``scale``
+    trend_ridge: float = 1.0  # Ridge of the linear trend. A quadratic trend extrapolates badly, for example to a box.
+    noise: float = 0.02  # Variance of what does not repeat from jump to jump, as a share of the kernel's variance
     astray: float = 2.5
     """A jump whose held-out error is this many times the median or more gets less weight, by the square of the ratio.
     Such jumps are usually those whose feet slipped, and they say nothing about jumps whose feet held."""
-    matters: tuple[float, float, float] = (0.01, 0.03, 0.1)
-    """Landing errors that cost alike: m, m, rad."""
+    matters: tuple[float, float, float] = (0.01, 0.03, 0.1)  # Landing errors that cost alike: m, m, rad
     clearance_m: float = 0.015
     """Goals are this much above the target, so that no foot touches the ground before the scheduled landing."""
     caution: float = 0.02
     """Cost of a goal away from the target, per squared ``scale``: of goals that land alike, the nearest is chosen."""
-    largest: tuple[float, float, float] = (0.25, 0.15, 0.2)
-    """Largest distance of a goal from its target: m, m, rad."""
+    largest: tuple[float, float, float] = (0.25, 0.15, 0.2)  # Largest distance of a goal from its target: m, m, rad
 
 
 @dataclass(frozen=True)
 class LandingSamples:
     """Goals, stances and landings of n jumps."""
 
-    goal: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    """Commanded goals, (n, 3), as ``GOAL``."""
+    goal: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # Commanded goals, (n, 3), as ``GOAL``
     stance_pitch: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Pitch of the crouch on the ground before each jump, nose-down, (n,), rad."""
     landing: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
@@ -93,8 +86,7 @@ class LandingModel:
         self.centre = samples.inputs.mean(axis=0) if len(samples) else np.zeros(4)
         pairs = zip(samples.goal, samples.stance_pitch, strict=True)
         self.error = samples.landing - np.array([self._expected(*pair) for pair in pairs]).reshape(-1, 3)
-        self.sample_weights = np.ones(len(samples))
-        """Weight of each jump in the fit, 0 to 1, (n,)."""
+        self.sample_weights = np.ones(len(samples))  # Weight of each jump in the fit, 0 to 1, (n,)
         self._fit()
         for _ in range(REWEIGHTINGS):
             self.sample_weights = self._weights_from_residuals()
@@ -253,14 +245,10 @@ class Stand:
     The limits are six standard deviations and more of what a robot at rest measures with ``SensorNoise``.
     """
 
-    measured_s: float = 0.06
-    """Time over which the stance is measured, and the robot must be still; no stand is shorter."""
-    longest_s: float = 0.4
-    """A robot that is not still by then jumps all the same."""
-    still_m_s: float = 0.02
-    """Largest velocity of a base that is still along any axis, mean over a third of that time."""
-    still_rad_s: float = 0.03
-    """The same of its turning rates."""
+    measured_s: float = 0.06  # Time over which the stance is measured, and the robot must be still; no stand is shorter
+    longest_s: float = 0.4  # A robot that is not still by then jumps all the same
+    still_m_s: float = 0.02  # Largest velocity of a base that is still along any axis, mean over a third of that time
+    still_rad_s: float = 0.03  # The same of its turning rates
 
     def is_over(self, estimates: Sequence[StateEstimate]) -> bool:
         """Whether a robot with these estimates since it began to stand, one or more, may jump now."""
@@ -282,13 +270,10 @@ class GoalChoice:
 
     target: Target
     planner: JumpPlanner
-    aim: Callable[[Target, float], np.ndarray]
-    """Goal (3,) for a target and the pitch of the stance, rad."""
-    stance_is_seen: bool = True
-    """Whether the stance is measured; else it is taken for level."""
+    aim: Callable[[Target, float], np.ndarray]  # Goal (3,) for a target and the pitch of the stance, rad
+    stance_is_seen: bool = True  # Whether the stance is measured; else it is taken for level
     stand: Stand = field(default_factory=Stand)
-    observation: Observation = field(default_factory=Observation)
-    """When deviations from the plan are kept."""
+    observation: Observation = field(default_factory=Observation)  # When deviations from the plan are kept
 
 
 class GoalDirectedJump(JumpController):

@@ -48,8 +48,7 @@ def null_where_not_finite(values: np.ndarray) -> Any:
 
 SCALE = np.array([0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4])
 """Typical deviation of x, z and pitch, of their rates, and of the feet relative to the base; m, m, rad, per s, m."""
-MATTERS = np.array([0.01, 0.03, 0.1])
-"""Landing errors that count alike; m, m, rad."""
+MATTERS = np.array([0.01, 0.03, 0.1])  # Landing errors that count alike; m, m, rad
 FIRST, LATER = 0, 1
 """Models by the age of a kick. At the first update after it, transients are in the state that are gone at the next."""
 
@@ -60,10 +59,8 @@ class FeedbackConfig:
 
     calm_noise: float = 0.03
     """Standard deviation of what is unexpected of a deviation from update to update, before any jump."""
-    calm_change: float = 0.3
-    """The same of how the deviation of one update differs in the next by each of the ten."""
-    calm_prior: float = 4.0
-    """So many jumps count what is known before any jump."""
+    calm_change: float = 0.3  # The same of how the deviation of one update differs in the next by each of the ten
+    calm_prior: float = 4.0  # So many jumps count what is known before any jump
     weight: float = 3.0
     """Standard deviation of what a deviation does to the landing, before any simulated jump, at a noise of one."""
     whole_m: float = 0.05
@@ -74,28 +71,20 @@ class FeedbackConfig:
 class HeldShifts:
     """What k shifts did to the landings of jumps to g goals that were held from some update to the end."""
 
-    x_m: np.ndarray
-    """Distances of the goals, rising, (g,), m."""
-    update: np.ndarray
-    """The update from which each shift was held, (k,)."""
-    axis: np.ndarray
-    """The axis of the goal along which each shift was, (k,)."""
-    effect: np.ndarray
-    """Change of the landing per shift, (g, k, 3); not finite where a jump fell."""
-    error: float
-    """Standard deviation of an effect."""
+    x_m: np.ndarray  # Distances of the goals, rising, (g,), m
+    update: np.ndarray  # The update from which each shift was held, (k,)
+    axis: np.ndarray  # The axis of the goal along which each shift was, (k,)
+    effect: np.ndarray  # Change of the landing per shift, (g, k, 3); not finite where a jump fell
+    error: float  # Standard deviation of an effect
 
 
 @dataclass(frozen=True)
 class Authority(ArrayRecord):
     """What a shift does to the landing of jumps to g goals, and in how many ways that may be off."""
 
-    mean: np.ndarray
-    """G of each goal and update, (g, T, 3 of the landing, 3 of the shift)."""
-    error: np.ndarray
-    """By how much G may be off in q independent ways, (q, T, 3, 3); each way is one of whole jumps."""
-    x_m: np.ndarray = field(default_factory=lambda: np.array([0.55]))
-    """Distances of the goals, rising, (g,), m."""
+    mean: np.ndarray  # G of each goal and update, (g, T, 3 of the landing, 3 of the shift)
+    error: np.ndarray  # By how much G may be off in q independent ways, (q, T, 3, 3); each way is one of whole jumps
+    x_m: np.ndarray = field(default_factory=lambda: np.array([0.55]))  # Distances of the goals, rising, (g,), m
 
     def at(self, x_m: np.ndarray) -> np.ndarray:
         """G of goals at n distances, (n, T, 3, 3), linearly between those of the g goals."""
@@ -138,14 +127,10 @@ class Authority(ArrayRecord):
 class ShiftedJumps(ArrayRecord):
     """n jumps with T updates each."""
 
-    goal: np.ndarray
-    """Planned goals, (n, 3), m, m, rad."""
-    stance_pitch: np.ndarray
-    """(n,), rad."""
-    landing: np.ndarray
-    """(n, 3), as the goal."""
-    shift: np.ndarray
-    """Shift of the goal from each update on, (n, T, 3), m, m, rad."""
+    goal: np.ndarray  # Planned goals, (n, 3), m, m, rad
+    stance_pitch: np.ndarray  # (n,), rad
+    landing: np.ndarray  # (n, 3), as the goal
+    shift: np.ndarray  # Shift of the goal from each update on, (n, T, 3), m, m, rad
     deviation: np.ndarray
     """Deviation from the shifted plan at each update, (n, T, 10); not finite where an update did not come."""
 
@@ -165,8 +150,7 @@ class KickedJumps(ArrayRecord):
 
     since: np.ndarray
     """Deviation from the shifted plan, less that without the kick, (n, T, 10); not finite until the kick shows."""
-    landing: np.ndarray
-    """Change of the landing by the kick, (n, 3), m, m, rad."""
+    landing: np.ndarray  # Change of the landing by the kick, (n, 3), m, m, rad
 
 
 def held_effects(authority: np.ndarray) -> np.ndarray:
@@ -193,8 +177,7 @@ class LandingFeedback:
     by_change: np.ndarray
     """W of each update, (T, 2, 20, 3), m, m, rad by m, rad and per s: of the first update after a kick, and of later
     ones, by what the kick has added to the deviation now and at the update before."""
-    planned_x_m: float = 0.55
-    """Distance of the planned goal, which decides what shifts do."""
+    planned_x_m: float = 0.55  # Distance of the planned goal, which decides what shifts do
 
     def planned_to(self, goal: np.ndarray) -> "LandingFeedback":
         """The model for a jump whose plan goes to a goal (3,)."""
@@ -285,10 +268,8 @@ NO_OTHER_STANCE = "no plan from another stance, so that none can be measured in 
 STANCE_STEPS = (-0.05, 0.05)
 """Distance of the stance that the slope by the stance's pitch is taken from, rad: nose-up, as on a block ahead, and
 nose-down where the first has no plan."""
-LARGEST_TILT_RAD = 0.2
-"""A stance that is measured in the jump and farther from the expected one is not believed."""
-STANCES = 21
-"""Number of stances within that distance whose goals are chosen before the jump: one every 0.02 rad."""
+LARGEST_TILT_RAD = 0.2  # A stance that is measured in the jump and farther from the expected one is not believed
+STANCES = 21  # Number of stances within that distance whose goals are chosen before the jump: one every 0.02 rad
 NEIGHBOUR_STEPS = (0.05, 0.04, 0.08)
 """Distance of the neighbouring goals that slopes are taken from: x, z, pitch; m, m, rad."""
 
@@ -298,10 +279,8 @@ class ShiftSettings:
     """What a goal-shift jump needs beyond a goal-directed one."""
 
     config: GoalShiftConfig = field(default_factory=GoalShiftConfig)
-    feedback: LandingFeedback | None = None
-    """None: the goal is not shifted, but for exploration."""
-    exploration: np.ndarray | None = None
-    """Added to the shifts, (updates, 3), m, m, rad."""
+    feedback: LandingFeedback | None = None  # None: the goal is not shifted, but for exploration
+    exploration: np.ndarray | None = None  # Added to the shifts, (updates, 3), m, m, rad
 
 
 class GoalShiftJump(GoalDirectedJump):

@@ -38,15 +38,12 @@ BOOTSTRAP_DRAWS = 1000
 class ScoredRun:
     """One run of a method at a task."""
 
-    hardware: str
-    """Name of its variant; robots drawn from one variant count together."""
-    robot: str
-    """Which robot of the variant, as in places."""
+    hardware: str  # Name of its variant; robots drawn from one variant count together
+    robot: str  # Which robot of the variant, as in places
     method: str
     task: str
     number: int
-    planned_jumps: int
-    """Number of jumps in the task."""
+    planned_jumps: int  # Number of jumps in the task
     result: TrialResult
 
     @property
@@ -184,8 +181,7 @@ def write_rows(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
         writer.writerows(rows)
 
 
-ENTRY_POINTS = "leapgap.landing_methods"
-"""Entry-point group under which other packages provide methods."""
+ENTRY_POINTS = "leapgap.landing_methods"  # Entry-point group under which other packages provide methods
 
 
 @cache
@@ -205,18 +201,15 @@ def has_only_defaults(kind: type[MethodSettings]) -> bool:
 
 
 RUNS, FIGURES, TABLE, PAGE = "runs", "landing.json", "landings.csv", "report.html"
-MOST_REPEATS = 10_000
-"""Of a task; all runs of an experiment are listed before the first one begins."""
-LEVEL = Target(0.6)
-"""A jump to the ground, which is planned where no task has one."""
+MOST_REPEATS = 10_000  # Of a task; all runs of an experiment are listed before the first one begins
+LEVEL = Target(0.6)  # A jump to the ground, which is planned where no task has one
 
 
 @dataclass(frozen=True)
 class Hardware:
     """A simulated robot with effects that no controller knows."""
 
-    place: str
-    """Its name in paths."""
+    place: str  # Its name in paths
     variant: str
     effects: tuple[Effect, ...]
 
@@ -226,17 +219,14 @@ class LandingExperiment:
     """Grid of hardware, methods and tasks. Creating one with an unknown name is an ``InputError``."""
 
     settings: LandSettings
-    methods: Mapping[str, MethodSettings]
-    """Settings in ``land.method_settings``, by name."""
+    methods: Mapping[str, MethodSettings]  # Settings in ``land.method_settings``, by name
     variants: Mapping[str, Mapping[str, Any]]
     """Simulated hardware by name, each with the effects it has: the section ``collect.variants``."""
     tasks: Sequence[JumpTask]
-    repeats: Mapping[str, int]
-    """Number of runs of each task, by its name."""
+    repeats: Mapping[str, int]  # Number of runs of each task, by its name
     robot: Robot
     sensing: Sensing
-    rounded: RigidBody | None = None
-    """Mass and inertia of the robot, rounded as in its configuration."""
+    rounded: RigidBody | None = None  # Mass and inertia of the robot, rounded as in its configuration
 
     def __post_init__(self) -> None:
         """Refuse unknown names, and a robot that cannot jump, before any work starts."""

@@ -29,8 +29,7 @@ from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PAIRS
 from leapgap.simulation.disturbance import Disturbance
 
-BLOCK_EDGES_M = (0.24, 0.6)
-"""Edges of a block on uneven ground along x and y; both feet of a pair fit on one."""
+BLOCK_EDGES_M = (0.24, 0.6)  # Edges of a block on uneven ground along x and y; both feet of a pair fit on one
 
 
 @dataclass(frozen=True)
@@ -48,20 +47,16 @@ class JumpTask:
     """Range of the slope of the whole ground, drawn evenly; positive falls away forward."""
     uneven_m: tuple[float, float] = (0.0, 0.0)
     """Range of the height of the blocks that feet land on between the jumps, drawn evenly; 0: flat ground."""
-    rear_block_m: tuple[float, float] = (0.0, 0.0)
-    """The same as ``block_m`` under the rear feet."""
+    rear_block_m: tuple[float, float] = (0.0, 0.0)  # The same as ``block_m`` under the rear feet
     stance_is_seen: bool = True
     """Whether a robot can measure the ground it stands on before it jumps; else all methods take it for level."""
     crouch_error_rad: float = 0.0
     """Largest error of the joints in the crouch before the jump, drawn evenly for thighs and calves of each pair."""
-    kick_m_s: float = 0.0
-    """Sudden change of the forward velocity, forward or back, once in the jump."""
-    kick_rad_s: float = 0.0
-    """The same of the pitch rate."""
+    kick_m_s: float = 0.0  # Sudden change of the forward velocity, forward or back, once in the jump
+    kick_rad_s: float = 0.0  # The same of the pitch rate
     push_n: tuple[float, float] = (0.0, 0.0)
     """Range of a horizontal force on the trunk, forward or back, once in the jump."""
-    push_s: float = 0.1
-    """How long that force lasts."""
+    push_s: float = 0.1  # How long that force lasts
     disturbed_at_s: tuple[float, ...] = (0.3, 0.4)
     """Times since the start of the jump, one of which is drawn for a kick or a push."""
 
@@ -127,8 +122,7 @@ class JumpTask:
         return tuple(boxes)
 
 
-References = Mapping[Target, Log]
-"""Plans from level ground, by their targets."""
+References = Mapping[Target, Log]  # Plans from level ground, by their targets
 
 
 @dataclass(frozen=True)
@@ -183,8 +177,7 @@ class MpcMethod(Method):
 
     model: PredictionModel | DeviationModel | None = None
     config: MpcConfig = field(default_factory=MpcConfig)
-    excitation: Excitation | None = None
-    """Random forces on top of its own, by ``seed``."""
+    excitation: Excitation | None = None  # Random forces on top of its own, by ``seed``
     seed: int = 0
     identified: tuple[Effect, ...] | None = None
     """Effects that were identified in the robot; None: none were looked for."""

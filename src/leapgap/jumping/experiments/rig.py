@@ -42,14 +42,10 @@ class TrialRunner:
     map: Mapper
     progress: Callable[[TrialSpec, TrialResult], None] | None = None
     """Called after every trial that was run, in their order."""
-    map_last: Mapper | None = None
-    """``map`` for trials whose results no further trial waits for; None: ``map``."""
-    side_by_side: bool = False
-    """Whether threads may share ``map``, so that methods are prepared side by side."""
-    earlier: ResultCache | None = None
-    """Of another stage: results that are there are read, and none is written."""
-    _running: "dict[str, Future[None]]" = field(default_factory=dict)
-    """Places that a thread computes."""
+    map_last: Mapper | None = None  # ``map`` for trials whose results no further trial waits for; None: ``map``
+    side_by_side: bool = False  # Whether threads may share ``map``, so that methods are prepared side by side
+    earlier: ResultCache | None = None  # Of another stage: results that are there are read, and none is written
+    _running: "dict[str, Future[None]]" = field(default_factory=dict)  # Places that a thread computes
     _lock: Any = field(default_factory=threading.Lock)
 
     def results(self, trials: Sequence[TrialSpec], last: bool = False) -> list[TrialResult]:
@@ -144,8 +140,7 @@ def apply_to(call: tuple[Callable[..., Any], Sequence[Any]]) -> Any:
 class Bench:
     """One simulated robot, and everything that its trials have in common."""
 
-    hardware: str
-    """Its name in the places of its trials; it must be a valid file name."""
+    hardware: str  # Its name in the places of its trials; it must be a valid file name
     effects: tuple[Effect, ...]
     world: TrialSetup
     references: Mapping[Any, Log]
@@ -209,11 +204,9 @@ class Rig:
     """Settings of every method that can be prepared on this robot, by the method's name."""
     bench: Bench
     tasks: Sequence[JumpTask]
-    body: RigidBody
-    """Rigid body that controllers assume for the nominal robot."""
+    body: RigidBody  # Rigid body that controllers assume for the nominal robot
     _prepared: dict[str, Method | None] = field(default_factory=dict)
-    _locks: dict[str, Any] = field(default_factory=dict)
-    """Lock of each method, by its name."""
+    _locks: dict[str, Any] = field(default_factory=dict)  # Lock of each method, by its name
     _plans_lock: Any = field(default_factory=threading.RLock)
 
     @property

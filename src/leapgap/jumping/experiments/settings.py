@@ -21,12 +21,9 @@ from leapgap.jumping.task import ContactSchedule
 class PlanSource(Enum):
     """Which robot a method's jumps are planned for."""
 
-    own = "own"
-    """The robot as its model file describes it, without any correction."""
-    published = "published"
-    """The planar robot of the published planner."""
-    corrected = "corrected"
-    """The robot that a diagnosis corrected."""
+    own = "own"  # The robot as its model file describes it, without any correction
+    published = "published"  # The planar robot of the published planner
+    corrected = "corrected"  # The robot that a diagnosis corrected
 
 
 @dataclass(frozen=True)
@@ -34,14 +31,11 @@ class PracticeRounds:
     """How many jumps are made, to which targets, and with which random forces; all on flat ground."""
 
     distances_m: tuple[float, ...] = (0.35, 0.45, 0.55, 0.65, 0.75)
-    first_jumps: int = 2
-    """Jumps to each target by the nominal MPC."""
-    rounds: int = 7
-    """Of one jump to each target by the learned MPC."""
+    first_jumps: int = 2  # Jumps to each target by the nominal MPC
+    rounds: int = 7  # Of one jump to each target by the learned MPC
     first: Excitation = field(default_factory=lambda: Excitation(40.0))
     later: Excitation = field(default_factory=lambda: Excitation(15.0))
-    on_policy_weight: float = 5.0
-    """How much a jump of the learned MPC counts beside one of the nominal MPC."""
+    on_policy_weight: float = 5.0  # How much a jump of the learned MPC counts beside one of the nominal MPC
     block_m: tuple[float, float] = (0.0, 0.0)
     """Height of a block under the front feet in every second jump, drawn evenly."""
     slope_rad: tuple[float, float] = (-0.005, 0.005)
@@ -61,8 +55,7 @@ class PracticeRounds:
 class LearnedMpcConfig:
     """Control, model and practice of the learned MPC."""
 
-    model: str = "deviation_kernel"
-    """Name of a recipe in ``learning/models``."""
+    model: str = "deviation_kernel"  # Name of a recipe in ``learning/models``
     gains: PhaseGains = field(
         default_factory=lambda: PhaseGains(JointGains(100.0, 2.0), JointGains(300.0, 3.0), JointGains(100.0, 2.0))
     )
@@ -102,8 +95,7 @@ class PracticeConfig:
     distance_m: tuple[float, float] = (0.32, 0.78)
     block_m: tuple[float, float] = (0.01, 0.07)
     """Height of a block under the front feet in every second jump, drawn evenly."""
-    slope_rad: tuple[float, float] = (-0.005, 0.005)
-    """Slope of the ground, drawn evenly."""
+    slope_rad: tuple[float, float] = (-0.005, 0.005)  # Slope of the ground, drawn evenly
     random_beyond: GoalOffsets = field(default_factory=lambda: GoalOffsets((-0.1, 0.1), (-0.04, 0.14), (-0.15, 0.15)))
     """Offsets of the goals of the first jumps. On flat ground a goal may be high above it."""
     later_beyond: GoalOffsets = field(default_factory=lambda: GoalOffsets((-0.03, 0.03), (-0.03, 0.03), (-0.05, 0.05)))
@@ -121,10 +113,8 @@ class PracticeConfig:
 class AdaptConfig:
     """How the offset of each task is learned from its own jumps."""
 
-    jumps: int = 4
-    """Jumps of each task, one after the other."""
-    rate: float = 0.7
-    """Learning rate: share of the prediction error that is added to the offset after each jump."""
+    jumps: int = 4  # Jumps of each task, one after the other
+    rate: float = 0.7  # Learning rate: share of the prediction error that is added to the offset after each jump
 
 
 @dataclass(frozen=True)
@@ -142,22 +132,18 @@ class LandSettings:
     seed: int
     out: str | None
     metrics: str | None
-    pages: bool
-    """Whether the page is written at once; stage ``land_page`` writes it of what is there."""
+    pages: bool  # Whether the page is written at once; stage ``land_page`` writes it of what is there
     single: list[str]
     tasks: dict[str, Any]
-    practised: str | None
-    """Folder of stage ``practise``."""
-    grids: dict[str, Any]
-    """Steps of the MPC by name, each the fields of a ``TimeGrid``."""
+    practised: str | None  # Folder of stage ``practise``
+    grids: dict[str, Any]  # Steps of the MPC by name, each the fields of a ``TimeGrid``
     method_settings: dict[str, Any]
     schedule: ContactSchedule = field(default_factory=ContactSchedule)
     mpc: MpcConfig = field(default_factory=MpcConfig)
     practice: PracticeConfig = field(default_factory=PracticeConfig)
     learned: LearnedMpcConfig = field(default_factory=LearnedMpcConfig)
     adapt: AdaptConfig = field(default_factory=AdaptConfig)
-    limits: Limits = AIMING_LIMITS
-    """Limits of the plans of ``ours``."""
+    limits: Limits = AIMING_LIMITS  # Limits of the plans of ``ours``
 
     def grid(self, key: str, method: str) -> TimeGrid:
         """The steps that a method names."""

@@ -56,8 +56,7 @@ CONTACT_PARAMETERS = (*JOINT_PARAMETERS, FitParameter("foot_compliance", "time_c
 minima, so the fit starts from both."""
 BASE_SCALE, JOINT_SCALE = (0.05, 0.05, 0.1), 0.1
 """Errors of x, z and pitch of the base (m, m, rad) and of a joint (rad) that count alike in the fit."""
-COMPARISON_STEP_S = 0.02
-"""Simulated and measured motions are compared at this interval."""
+COMPARISON_STEP_S = 0.02  # Simulated and measured motions are compared at this interval
 
 
 def identify_effects_config(
@@ -121,8 +120,7 @@ class AimingMethod(Method):
     """By name of the task: mean landing − predicted landing of its jumps, (3,), m, m, rad."""
     goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Added to each goal for exploration, (3,), m, m, rad."""
-    observation: Observation = field(default_factory=Observation)
-    """When deviations from the plan are kept."""
+    observation: Observation = field(default_factory=Observation)  # When deviations from the plan are kept
 
     def explore(self, offset: np.ndarray, references: References, rng: np.random.Generator) -> "AimingMethod":
         """The method with an offset (3,) of its goals."""
@@ -145,8 +143,7 @@ DATA_SHEET = (effects_by_name.effect("torque_speed_limit", voltage_v=SUPPLY_V),)
 """Torque limit in the motors' data sheet, which the plans account for."""
 
 
-SHARED = "practice"
-"""Folder of training jumps that do not depend on the method."""
+SHARED = "practice"  # Folder of training jumps that do not depend on the method
 FALLBACK_EFFECT_SHARES = (0.75, 0.5, 0.25, 0.0)
 """Where the identified robot cannot do a jump, it is planned for robots with these shares of the effects, in order."""
 
@@ -163,13 +160,11 @@ class PracticeResult:
     """A planner with the identified effects, and the samples of the landing model."""
 
     planner: JumpPlanner
-    effects: tuple[Effect, ...]
-    """Effects identified in the robot's joints."""
+    effects: tuple[Effect, ...]  # Effects identified in the robot's joints
     samples: LandingSamples
     jumps: ShiftedJumps | None = None
     """The jumps of the samples with what was measured on the way; None where no jump was upright."""
-    logs: tuple[Log, ...] = ()
-    """The jumps that the effects were identified from."""
+    logs: tuple[Log, ...] = ()  # The jumps that the effects were identified from
 
 
 @dataclass(frozen=True)
@@ -203,8 +198,7 @@ class IdentifiedRobot:
 
     planner: JumpPlanner
     effects: tuple[Effect, ...]
-    logs: tuple[Log, ...] = ()
-    """The jumps that they were identified from."""
+    logs: tuple[Log, ...] = ()  # The jumps that they were identified from
 
 
 def identify_robot(draws: PracticeDraws, method: AimingMethod) -> IdentifiedRobot:

@@ -31,24 +31,18 @@ from leapgap.simulation.replay import Replayer
 
 LEAST_PUSH_N = 20.0
 """A pair of feet pushes if its vertical force is larger; below, the ratio of two small forces means nothing."""
-SUPPLY_V = 21.5
-"""Limit of |R τ + q̇| at the joint, V, by the motors' data sheet."""
-IMPULSE_S = 0.005
-"""Ground forces are averaged over this time, because single steps of a simulated contact chatter."""
+SUPPLY_V = 21.5  # Limit of |R τ + q̇| at the joint, V, by the motors' data sheet
+IMPULSE_S = 0.005  # Ground forces are averaged over this time, because single steps of a simulated contact chatter
 
 
 @dataclass(frozen=True)
 class RunMetrics:
     """Figures over the rows from the start of the first jump to its take-off, over both pairs and all joints."""
 
-    friction: float
-    """Largest |F_x| / F_z of a pair's ground force while it pushes, 1."""
-    force_n: float
-    """Largest F_z of a pair, N."""
-    tracking_rad: float
-    """Root mean square of set point − joint angle, rad."""
-    torque_nm: float
-    """Largest commanded joint torque, N·m."""
+    friction: float  # Largest |F_x| / F_z of a pair's ground force while it pushes, 1
+    force_n: float  # Largest F_z of a pair, N
+    tracking_rad: float  # Root mean square of set point − joint angle, rad
+    torque_nm: float  # Largest commanded joint torque, N·m
     short_of_torque: float
     """Share of joint-milliseconds in which the data sheet's motors cannot deliver what is commanded, 1."""
 
@@ -85,8 +79,7 @@ def moving_average(values: np.ndarray, width: int) -> np.ndarray:
 
 
 LARGEST_PITCH_RAD = np.deg2rad(15)
-STANDS_AFTER_S = 0.5
-"""A successful landing is still upright after this time."""
+STANDS_AFTER_S = 0.5  # A successful landing is still upright after this time
 UPRIGHT_COSINE = np.cos(np.deg2rad(30))
 """Cosine of the largest angle between the vertical axes of the base and of the world."""
 FOOT_ABOVE_SURFACE_M = 0.03
@@ -97,16 +90,11 @@ FOOT_ABOVE_SURFACE_M = 0.03
 class Landing:
     """Errors are target distance − displacement along the heading at take-off, cm; positive is short."""
 
-    error_cm: float
-    """Error at the end of the scheduled flight."""
-    contact_error_cm: float | None
-    """Error when the first foot touches again; None where none does."""
-    pitch_deg: float
-    """Pitch at the end of the scheduled flight, nose-down."""
-    apex: float
-    """Largest height of the base, divided by its height at the start."""
-    success: bool
-    """Pitch below 15°, and half a second later all feet on the target surface and the base upright."""
+    error_cm: float  # Error at the end of the scheduled flight
+    contact_error_cm: float | None  # Error when the first foot touches again; None where none does
+    pitch_deg: float  # Pitch at the end of the scheduled flight, nose-down
+    apex: float  # Largest height of the base, divided by its height at the start
+    success: bool  # Pitch below 15°, and half a second later all feet on the target surface and the base upright
 
 
 def landing(run: ClosedLoopRun, robot: Robot, first: int = 0, target_x_m: float | None = None) -> Landing:
@@ -146,8 +134,7 @@ def stands(truth: Motion, robot: Robot, row: int, surface_z_m: float, jump: Log)
     return bool(on_surface.all() and upright_cosine(truth.base_quaternion[row]) > UPRIGHT_COSINE)
 
 
-Jumps = Callable[[JumpTask], Sequence[JumpController]]
-"""Returns new controllers of a task's jumps, in their order."""
+Jumps = Callable[[JumpTask], Sequence[JumpController]]  # Returns new controllers of a task's jumps, in their order
 
 
 @dataclass(frozen=True)
@@ -171,20 +158,16 @@ class TrialOutcome:
     """The simulated run, its landings, and its fallbacks."""
 
     run: ClosedLoopRun
-    starts: tuple[int, ...]
-    """Row at which each jump starts."""
+    starts: tuple[int, ...]  # Row at which each jump starts
     landings: tuple[Landing, ...]
     total_error_cm: float | None
     """Sum of the jumps' target distances − distance from the first start to the last landing, cm; positive is short.
     None where not all jumps were made."""
-    substituted: tuple[tuple[float, str], ...]
-    """Time, s since the run's first row, and reason of each fallback command."""
-    fallbacks: dict[str, int]
-    """Count of fallback commands by reason, those of the landings included."""
+    substituted: tuple[tuple[float, str], ...]  # Time, s since the run's first row, and reason of each fallback command
+    fallbacks: dict[str, int]  # Count of fallback commands by reason, those of the landings included
     metrics: RunMetrics
     controllers: tuple[JumpController, ...]
-    disturbances: tuple[Disturbance, ...]
-    """What acted on the trunk, times counted from the start of the first jump."""
+    disturbances: tuple[Disturbance, ...]  # What acted on the trunk, times counted from the start of the first jump
 
 
 def attempt_task(
@@ -285,10 +268,8 @@ def with_pd_force(jump: Log, robot: Robot, begins_s: Sequence[float]) -> Log:
     return replace(jump, columns=dict(jump.columns) | columns)
 
 
-LEAVES_WITHIN_S = 0.05
-"""A foot that touches within this time after the planned take-off has not left the ground yet."""
-UPRIGHT_RAD = 0.5
-"""A jump that lands with a larger pitch is no sample for the landing model: the robot fell."""
+LEAVES_WITHIN_S = 0.05  # A foot that touches within this time after the planned take-off has not left the ground yet
+UPRIGHT_RAD = 0.5  # A jump that lands with a larger pitch is no sample for the landing model: the robot fell
 
 
 @dataclass(frozen=True)
@@ -299,8 +280,7 @@ class TrialSpec:
     """Path of its result, ``<hardware>/<method>/<task>_<number>``; it differs for every trial of an experiment."""
     task: JumpTask
     method: Method
-    reference: Log
-    """The plan of its jumps from level ground."""
+    reference: Log  # The plan of its jumps from level ground
     effects: tuple[Effect, ...]
     world: TrialSetup
     seed: int
@@ -331,15 +311,12 @@ class TrialResult:
     landings: tuple[Landing, ...]
     total_error_cm: float | None
     fallbacks: Mapping[str, int]
-    substituted: tuple[tuple[float, str], ...]
-    """Time, s, and reason of each fallback command."""
+    substituted: tuple[tuple[float, str], ...]  # Time, s, and reason of each fallback command
     metrics: RunMetrics
     samples: LandingSamples = field(default_factory=LandingSamples)
     log: Log | None = None
-    shifted: ShiftedJumps | None = None
-    """What goal-directed jumps did on the way; None for other methods."""
-    disturbance: str = ""
-    """What acted on the trunk, in words; empty if nothing did."""
+    shifted: ShiftedJumps | None = None  # What goal-directed jumps did on the way; None for other methods
+    disturbance: str = ""  # What acted on the trunk, in words; empty if nothing did
 
     def to_json(self) -> dict[str, Any]:
         """All fields but the log, which is a file of its own."""

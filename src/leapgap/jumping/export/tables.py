@@ -91,8 +91,7 @@ class ControllerTables:
 
     arrays: Mapping[str, np.ndarray]
     numbers: Mapping[str, int | float]
-    meaning: Mapping[str, str]
-    """What each array holds."""
+    meaning: Mapping[str, str]  # What each array holds
 
 
 def tables_of(tracker: ShiftTracker) -> ControllerTables:

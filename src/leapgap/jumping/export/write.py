@@ -109,8 +109,7 @@ FORMAT_VERSION = 4
 OF_ALL = ("jump_controller.h", "jump_body.h", "jump_body.c", "main.c")
 OF_GOALS = ("jump_controller.c", "jump_program.h", "jump_program.c")
 OF_FORCES = ("force_controller.c", "force_program.h", "force_program.c")
-PER_LINE = 8
-"""Numbers in a line of a table in C."""
+PER_LINE = 8  # Numbers in a line of a table in C
 
 
 def write_controller(tracker: ShiftTracker | JumpMpc, folder: Path, about: Mapping[str, Any]) -> ControllerTables:

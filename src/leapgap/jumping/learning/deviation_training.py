@@ -16,8 +16,7 @@ from leapgap.jumping.learning.window_extraction import BALLISTIC_S, DeviatingJum
 from leapgap.jumping.models.rigid_body import CURVATURE
 from leapgap.logs.pair_force import per_axis
 
-ERROR_SCALE = (0.02, 0.02, 0.05, 0.1, 0.1, 0.4)
-"""Errors of a prediction that count alike, m, rad, s."""
+ERROR_SCALE = (0.02, 0.02, 0.05, 0.1, 0.1, 0.4)  # Errors of a prediction that count alike, m, rad, s
 
 
 class RollOuts(lightning.LightningModule):

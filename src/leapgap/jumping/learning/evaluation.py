@@ -27,12 +27,9 @@ class HeldOutPredictions:
     """Predictions of every window by the models that did not see its jump."""
 
     windows: Windows
-    states: Mapping[str, np.ndarray]
-    """Predicted states by model, (W, K + 1, 6)."""
-    deviation: Mapping[str, np.ndarray]
-    """Predicted standard deviations of the errors, by model where known, (W, K, 6)."""
-    models: Mapping[str, Mapping[str, Model]]
-    """Models by jump and name; none of them was trained on that jump."""
+    states: Mapping[str, np.ndarray]  # Predicted states by model, (W, K + 1, 6)
+    deviation: Mapping[str, np.ndarray]  # Predicted standard deviations of the errors, by model where known, (W, K, 6)
+    models: Mapping[str, Mapping[str, Model]]  # Models by jump and name; none of them was trained on that jump
 
     def error_by_jump(self, model: str) -> np.ndarray:
         """Mean square over a jump's windows, steps and six components, of the jumps predicted, (H,)."""

@@ -81,27 +81,21 @@ class TrainConfig:
     sessions: list[list[str]] | None
     """Patterns of the names of the jumps of each session; None: no sessions are held out."""
     mass_kg: float
-    pitch_inertia_kgm2: float
-    """Of the nominal body that residuals correct."""
+    pitch_inertia_kgm2: float  # Of the nominal body that residuals correct
     out: str | None = None
-    models: list[str] = field(default_factory=lambda: list(MODELS))
-    """Which of the models to fit, by name."""
+    models: list[str] = field(default_factory=lambda: list(MODELS))  # Which of the models to fit, by name
     not_in_sessions: list[str] = field(default_factory=lambda: list(NOT_IN_SESSIONS))
     """Those left out where whole sessions are held out, to save time."""
-    folds: int = 4
-    """Fold f holds out jumps f, f + folds, …"""
+    folds: int = 4  # Fold f holds out jumps f, f + folds, …
     seed: int = 0
     curvature: float = 0.5
     """Curvature of the steps' positions in all models but the published ones, as in ``rigid_body.advance``."""
     model_settings: dict[str, ModelSettings] = field(default_factory=dict)
     """Settings of models by their section, where they are not the defaults."""
     steps_an_epoch: int = 25
-    threads: int = 1
-    """Of torch on the CPU; sums, hence the last bits of the weights, depend on it."""
-    processes: int = 2
-    """Splits fitted at the same time."""
-    trainer: dict[str, Any] = field(default_factory=lambda: dict(TRAINER))
-    """Arguments of Lightning's Trainer."""
+    threads: int = 1  # Of torch on the CPU; sums, hence the last bits of the weights, depend on it
+    processes: int = 2  # Splits fitted at the same time
+    trainer: dict[str, Any] = field(default_factory=lambda: dict(TRAINER))  # Arguments of Lightning's Trainer
     logger: LoggerConfig = field(default_factory=LoggerConfig)
     """What receives the losses along the trainings besides ``curves.csv``; no result depends on it."""
 

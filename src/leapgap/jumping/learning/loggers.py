@@ -11,16 +11,14 @@ from typing import Any
 
 from leapgap.errors import needs
 
-PROJECT = "leapgap"
-"""Project of the runs in Weights & Biases."""
+PROJECT = "leapgap"  # Project of the runs in Weights & Biases
 
 
 @dataclass
 class LoggerConfig:
     """The section ``train.logger``: logger for training curves besides ``curves.csv``, and its folder."""
 
-    name: str = "csv"
-    """``csv`` for ``curves.csv`` alone, or one of ``LOGGERS``."""
+    name: str = "csv"  # ``csv`` for ``curves.csv`` alone, or one of ``LOGGERS``
     folder: str = "lightning_logs"
     """Outside the output folder, since the files hold times and would make equal results unequal."""
 

@@ -12,8 +12,7 @@ from leapgap.jumping.learning.windows import RolloutInputs, Windows
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.rigid_body import GRAVITY, RigidBody, advance
 
-OUTPUTS = 15
-"""bias (3), by_force (3 × 4)."""
+OUTPUTS = 15  # bias (3), by_force (3 × 4)
 PHASES = ("contact", "flight")
 
 
@@ -29,10 +28,8 @@ class Part:
 class FlatPhase:
     """constant + feet · foot + Σ parts(known), a function of n moments with values (n, 15)."""
 
-    constant: np.ndarray
-    """Shape (15,)."""
-    feet: np.ndarray
-    """Shape (4, 15)."""
+    constant: np.ndarray  # Shape (15,)
+    feet: np.ndarray  # Shape (4, 15)
     parts: tuple[Part, ...]
 
 
@@ -90,10 +87,8 @@ class Nominal:
     """Nominal model that a residual is added to: the rigid body, each row of B(r) multiplied by a gain."""
 
     body: RigidBody
-    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Gains of the vx, vz and pitch-rate rows."""
-    curvature: float = 0.0
-    """Curvature of a step's positions, as in ``rigid_body.advance``."""
+    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)  # Gains of the vx, vz and pitch-rate rows
+    curvature: float = 0.0  # Curvature of a step's positions, as in ``rigid_body.advance``
 
     def at(self, foot: np.ndarray) -> AffineModel:
         """Its accelerations, affine in the force, with feet (n, 4)."""

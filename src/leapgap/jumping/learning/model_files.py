@@ -14,14 +14,10 @@ from leapgap.errors import InputError
 from leapgap.logs.unpacking import Bounded
 from leapgap.runtime.atomic_io import read_json
 
-NOON_OF_ZIP = (1980, 1, 1, 0, 0, 0)
-"""One date for every member, so that equal arrays give equal bytes."""
-LARGEST_BYTES = 2 << 30
-"""Largest size of all arrays of a file together."""
-LARGEST_HEADER = 100_000
-"""Bytes in which an array states its shape and type."""
-KINDS = "biuf"
-"""Kinds of values that arrays may have: truth values and numbers."""
+NOON_OF_ZIP = (1980, 1, 1, 0, 0, 0)  # One date for every member, so that equal arrays give equal bytes
+LARGEST_BYTES = 2 << 30  # Largest size of all arrays of a file together
+LARGEST_HEADER = 100_000  # Bytes in which an array states its shape and type
+KINDS = "biuf"  # Kinds of values that arrays may have: truth values and numbers
 AGAIN = "run it again"
 
 

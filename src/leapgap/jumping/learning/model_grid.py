@@ -95,8 +95,7 @@ class SplitJob:
     windows: Windows
     config: TrainConfig
     split: Split
-    keys: dict[str, str]
-    """Cache key of each model that is fitted on this split, by the model's name."""
+    keys: dict[str, str]  # Cache key of each model that is fitted on this split, by the model's name
     cache: ResultCache
 
     @property
@@ -124,8 +123,7 @@ class Part:
     """Fits one model of a split, or learns the errors of one."""
 
     job: SplitJob
-    name: str
-    """Name of the model that is fitted, or whose errors are learned."""
+    name: str  # Name of the model that is fitted, or whose errors are learned
     place: str
     key: str
     is_model: bool

@@ -12,18 +12,15 @@ from leapgap.jumping.learning.model_files import arrays_below
 from leapgap.jumping.learning.windows import RolloutInputs, drop_forces
 from leapgap.jumping.models.affine_model import AffineModel, Situation, columns, selection
 
-NETWORKS = ("contact/h", "contact/G", "flight/h")
-"""h1, G1 and h2 of the paper."""
+NETWORKS = ("contact/h", "contact/G", "flight/h")  # h1, G1 and h2 of the paper
 
 
 @dataclass(frozen=True)
 class Mlp:
     """A multilayer perceptron with tanh between its layers; S of them, side by side."""
 
-    weights: tuple[np.ndarray, ...]
-    """Each (S, in, out)."""
-    biases: tuple[np.ndarray, ...]
-    """Each (S, 1, out)."""
+    weights: tuple[np.ndarray, ...]  # Each (S, in, out)
+    biases: tuple[np.ndarray, ...]  # Each (S, 1, out)
 
     def arrays(self, name: str) -> dict[str, np.ndarray]:
         """Its arrays, as ``<name>/weight_0`` and ``<name>/bias_0``."""
@@ -48,18 +45,12 @@ class Mlp:
 class Scaling:
     """Units of a phase's networks: what their inputs are divided by, their outputs multiplied with."""
 
-    input_mean: np.ndarray
-    """Taken off the raw inputs, (f,)."""
-    input_scale: np.ndarray
-    """Divides the inputs after their mean is taken off, (f,)."""
-    force_mean: np.ndarray
-    """(4,), N: the force at which h alone acts."""
-    force_scale: np.ndarray
-    """(4,), N: G's outputs are per this much force."""
-    mean: np.ndarray
-    """Added to h, (3,), m/s² and rad/s²."""
-    scale: np.ndarray
-    """Of h and G, (3,), m/s² and rad/s²."""
+    input_mean: np.ndarray  # Taken off the raw inputs, (f,)
+    input_scale: np.ndarray  # Divides the inputs after their mean is taken off, (f,)
+    force_mean: np.ndarray  # (4,), N: the force at which h alone acts
+    force_scale: np.ndarray  # (4,), N: G's outputs are per this much force
+    mean: np.ndarray  # Added to h, (3,), m/s² and rad/s²
+    scale: np.ndarray  # Of h and G, (3,), m/s² and rad/s²
 
 
 @dataclass(frozen=True)
@@ -71,8 +62,7 @@ class NetworkModel(ResidualModel):
     names: tuple[str, ...]
     contact: Scaling
     flight: Scaling
-    networks: dict[str, Mlp]
-    """By the names of ``NETWORKS``."""
+    networks: dict[str, Mlp]  # By the names of ``NETWORKS``
 
     def residual(self, situation: Situation, contact: np.ndarray) -> AffineModel:
         """h and G, mean of the members."""

@@ -45,19 +45,14 @@ def settings_in(departures: Mapping[str, ModelSettings], kind: type[Settings]) -
 class Fitting:
     """How the optimiser moves the weights."""
 
-    steps: int = 120
-    """Full-batch steps of the optimiser."""
+    steps: int = 120  # Full-batch steps of the optimiser
     learning_rate: float = 0.02
-    cosine_decay: bool = True
-    """Whether the learning rate falls to zero along a cosine."""
+    cosine_decay: bool = True  # Whether the learning rate falls to zero along a cosine
     weight_decay: float = 0.1
     dropout: float = 0.0
-    clip_norm: float = 1.0
-    """Longest gradient; 0: any."""
-    output_penalty: float = 1e-3
-    """Weight of the mean absolute outputs of h and G (paper, loss)."""
-    loss: str = "mean"
-    """Of squared errors over windows, steps and components: ``mean``, or ``sum`` as published."""
+    clip_norm: float = 1.0  # Longest gradient; 0: any
+    output_penalty: float = 1e-3  # Weight of the mean absolute outputs of h and G (paper, loss)
+    loss: str = "mean"  # Of squared errors over windows, steps and components: ``mean``, or ``sum`` as published
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing, before any work."""
@@ -76,18 +71,12 @@ class TrainingRun:
 
     seed: int
     threads: int
-    trainer: dict[str, Any]
-    """Passed to Lightning's Trainer: accelerator, devices, …"""
-    scratch: Path
-    """Folder of the checkpoints, removed at the end."""
-    title: str
-    """Shown before the progress bar."""
-    steps_an_epoch: int
-    """Steps between checkpoints, and between points of the curve."""
-    logger: LoggerConfig = field(default_factory=LoggerConfig)
-    """What receives the points of the curve."""
-    models: Path = Path()
-    """Folder of all models, by which a logger groups trainings."""
+    trainer: dict[str, Any]  # Passed to Lightning's Trainer: accelerator, devices, …
+    scratch: Path  # Folder of the checkpoints, removed at the end
+    title: str  # Shown before the progress bar
+    steps_an_epoch: int  # Steps between checkpoints, and between points of the curve
+    logger: LoggerConfig = field(default_factory=LoggerConfig)  # What receives the points of the curve
+    models: Path = Path()  # Folder of all models, by which a logger groups trainings
 
 
 @dataclass(frozen=True)
@@ -95,12 +84,9 @@ class FitTask:
     """The data and settings from which a recipe fits one model of one split."""
 
     train: Windows
-    held_out: Windows
-    """Looked at for the learning curve only; nothing is chosen by them."""
-    body: RigidBody
-    """The nominal body that residuals correct."""
-    curvature: float
-    """Curvature of the steps' positions, as in ``rigid_body.advance``."""
+    held_out: Windows  # Looked at for the learning curve only; nothing is chosen by them
+    body: RigidBody  # The nominal body that residuals correct
+    curvature: float  # Curvature of the steps' positions, as in ``rigid_body.advance``
     model_settings: Mapping[str, ModelSettings]
     """Settings of models by their section, where they are not the defaults; ``settings`` finds those of one kind."""
     run: TrainingRun
@@ -127,10 +113,8 @@ class ModelRecipe(ABC):
     To add a model, add a subclass in a file of the package ``models``. A subclass of a concrete recipe is a variant.
     """
 
-    name: ClassVar[str]
-    """Key of its files and of its figures in the metrics."""
-    model: ClassVar[type[Model]]
-    """The class of the fitted model, which saves and loads itself."""
+    name: ClassVar[str]  # Key of its files and of its figures in the metrics
+    model: ClassVar[type[Model]]  # The class of the fitted model, which saves and loads itself
     settings: ClassVar[type[ModelSettings] | None] = None
     """Settings of its own that its fit reads; other models' settings do not change it."""
     members: ClassVar[tuple[str, ...]] = ()
@@ -142,8 +126,7 @@ class ModelRecipe(ABC):
     """Whether it says how forces move the base, which is what a controller asks of an exported model."""
     colour: ClassVar[str] = "#555555"
     """In figures, as #rrggbb."""
-    label_is_plural: ClassVar[bool] = False
-    """Whether sentences about it take a plural verb."""
+    label_is_plural: ClassVar[bool] = False  # Whether sentences about it take a plural verb
     shown_by_step: ClassVar[bool] = True
     """Whether the figure of errors by step shows it; large errors would spoil the figure's scale."""
     forecast_name: ClassVar[str | None] = None
@@ -182,8 +165,7 @@ class DeviationRecipe(ABC):
     """A named model of the deviation from a plan. To add one, add a subclass in a file of the package ``models``."""
 
     name: ClassVar[str]
-    settings: ClassVar[type[ModelSettings] | None] = None
-    """Settings of its own that its fit reads."""
+    settings: ClassVar[type[ModelSettings] | None] = None  # Settings of its own that its fit reads
 
     @abstractmethod
     def fit(self, task: DeviationTask) -> DeviationModel:

@@ -18,8 +18,7 @@ from leapgap.jumping.models.affine_model import KNOWN
 from leapgap.registry import classes_by_name
 from leapgap.runtime.atomic_io import whole_file, write_json
 
-ENTRY_POINTS = "leapgap.learned_models"
-"""Entry-point group under which other packages provide recipes."""
+ENTRY_POINTS = "leapgap.learned_models"  # Entry-point group under which other packages provide recipes
 DEVIATION_ENTRY_POINTS = "leapgap.deviation_models"
 
 
@@ -76,8 +75,7 @@ class StoredModel:
     model: Model
     purpose: Purpose
     trained_on: tuple[str, ...]
-    key: str
-    """Hash of everything the model was made of."""
+    key: str  # Hash of everything the model was made of
 
 
 def save(stored: StoredModel, folder: Path, name: str) -> None:

@@ -14,18 +14,15 @@ from leapgap.jumping.learning.windows import RolloutInputs, Windows
 from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, STATE, VELOCITY
 
 START_S = 0.65
-COMPARED = ("networks", "kernel", "nominal_fitted")
-"""Names of the models compared, in the order of the figures."""
+COMPARED = ("networks", "kernel", "nominal_fitted")  # Names of the models compared, in the order of the figures
 
 
 @dataclass(frozen=True)
 class RollOut:
     """Predictions of H jumps from ``START_S`` on."""
 
-    time_s: np.ndarray
-    """Times since the start of the jump, (n,)."""
-    states: np.ndarray
-    """x from the start of the roll-out, (H, n, 6)."""
+    time_s: np.ndarray  # Times since the start of the jump, (n,)
+    states: np.ndarray  # x from the start of the roll-out, (H, n, 6)
 
 
 def compare(variable: HeldOutPredictions, fixed: HeldOutPredictions) -> dict[str, RollOut]:

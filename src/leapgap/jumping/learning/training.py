@@ -36,8 +36,7 @@ class Batch:
     foot: torch.Tensor
     time_s: torch.Tensor
     step_s: torch.Tensor
-    in_contact: list[int]
-    """How many windows begin step k before take-off, for each k."""
+    in_contact: list[int]  # How many windows begin step k before take-off, for each k
 
     @staticmethod
     def of(windows: Windows, device: torch.device, part: slice = slice(None)) -> "Batch":
@@ -102,6 +101,8 @@ class ResidualModule(torch.nn.Module):
         self.curvature = model.nominal.curvature
         body = model.nominal.body
         by_force = np.asarray(model.nominal.gains) / [body.mass_kg, body.mass_kg, body.pitch_inertia_kgm2]
+        self.by_force: torch.Tensor
+        self.gravity: torch.Tensor
         self.register_buffer("by_force", torch.tensor(by_force, dtype=torch.float32))
         self.register_buffer("gravity", torch.tensor([0.0, -GRAVITY, 0.0]))
 
@@ -109,8 +110,7 @@ class ResidualModule(torch.nn.Module):
         """Accelerations of the nominal body with its gains, (n, 3)."""
         (rx, rz, sx, sz), (fx, fz, gx, gz) = foot.T, force.T  # front, then rear
         pushed = torch.stack([fx + gx, fz + gz, rz * fx - rx * fz + sz * gx - sx * gz], dim=-1)
-        found: torch.Tensor = pushed * self.by_force + self.gravity
-        return found
+        return pushed * self.by_force + self.gravity
 
     def forward(self, situation: Situation, force: torch.Tensor, pushing: bool) -> tuple[torch.Tensor, torch.Tensor]:
         """Accelerations (S, n, 3) in one phase, and the summed mean absolute outputs for the penalty.
@@ -233,8 +233,7 @@ class LossCurve(Callback):
     def __init__(self, every: int, title: str) -> None:
         self.every, self.title = every, title
         self.rows: LearningCurve = []
-        self.first = float("inf")
-        """Loss of the first step."""
+        self.first = float("inf")  # Loss of the first step
 
     def on_train_batch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, *_: Any) -> None:
         """Note the losses, before the checkpoint of the same step is written."""

@@ -26,8 +26,7 @@ from leapgap.jumping.learning.windows import RolloutInputs, Windows
 from leapgap.jumping.models.affine_model import Situation, columns
 from leapgap.runtime.atomic_io import whole_file
 
-LEVELS = (0.5, 0.8, 0.95)
-"""Of the intervals whose width is fitted and whose coverage is checked."""
+LEVELS = (0.5, 0.8, 0.95)  # Of the intervals whose width is fitted and whose coverage is checked
 MOST_REFITS, MOST_LEFT_OUT = 24, 64
 """Number of training jumps up to which the kernel is fitted again without each, and largest number left out in turn."""
 SMOOTHING_STEPS = 1.0
@@ -39,13 +38,10 @@ class PredictionUncertainty:
     """Deviations of the predictions of one kernel, and of models like it."""
 
     kernel: KernelModel
-    inverse: dict[str, np.ndarray]
-    """(K + λ I)⁻¹ of each phase, (n, n)."""
+    inverse: dict[str, np.ndarray]  # (K + λ I)⁻¹ of each phase, (n, n)
     ridge: dict[str, float]
-    variance: np.ndarray
-    """Mean squared error on training jumps left out, widened, (starts, K, 6)."""
-    familiar: np.ndarray
-    """Mean summed posterior variance there, in units of the signal's, (starts, K)."""
+    variance: np.ndarray  # Mean squared error on training jumps left out, widened, (starts, K, 6)
+    familiar: np.ndarray  # Mean summed posterior variance there, in units of the signal's, (starts, K)
 
     def deviation(self, inputs: RolloutInputs) -> np.ndarray:
         """Standard deviation of each predicted state after the first, (W, K, 6), in the state's units."""

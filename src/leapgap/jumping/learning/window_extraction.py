@@ -255,8 +255,7 @@ def feet(jump: Log, robot: Robot, rows: np.ndarray) -> np.ndarray:
 
 BALLISTIC_S = 0.2
 """Before the planned landing: feet may touch down there, so nothing is learned and the deviation flies on freely."""
-SMOOTHED_ROWS = 3
-"""Before and after each sample, of which the mean is taken against the noise of the sensors."""
+SMOOTHED_ROWS = 3  # Before and after each sample, of which the mean is taken against the noise of the sensors
 
 
 @dataclass(frozen=True)
@@ -267,14 +266,10 @@ class DeviatingJump:
     steps: PlannedSteps
     error: np.ndarray
     """Measured state − planned state at the ends of the steps, the first at the start, (n + 1, 6), m, rad, s."""
-    force: np.ndarray
-    """Mean over each step of the force that the MPC decided − that of the plan, (n, 4), N."""
-    weight: float = 1.0
-    """How much it counts in a fit."""
-    kicked: int | None = None
-    """Step in which something sudden moved it, of which nothing is learned; None: none."""
-    simulated: bool = False
-    """Whether it is of the identified robot, and no jump of the robot itself."""
+    force: np.ndarray  # Mean over each step of the force that the MPC decided − that of the plan, (n, 4), N
+    weight: float = 1.0  # How much it counts in a fit
+    kicked: int | None = None  # Step in which something sudden moved it, of which nothing is learned; None: none
+    simulated: bool = False  # Whether it is of the identified robot, and no jump of the robot itself
 
     @property
     def learned(self) -> np.ndarray:

@@ -18,8 +18,7 @@ from leapgap.jumping.task import ContactSchedule
 from leapgap.runtime.atomic_io import read_json, write_json
 
 FORMAT_VERSION = 1
-MOST_STEPS = 10_000
-"""Largest number of steps of a window."""
+MOST_STEPS = 10_000  # Largest number of steps of a window
 
 
 @dataclass(frozen=True)
@@ -68,20 +67,13 @@ def whole_steps(phase: str, length_s: float, step_s: float) -> int:
 class RolloutInputs:
     """What a model may know of W windows of K steps: the first state, and what acts during the steps."""
 
-    state: np.ndarray
-    """First state: x z pitch and rates, m, rad, s; x from the window's start, z in the world; (W, 6)."""
-    force: np.ndarray
-    """Ground forces on the robot, front x z, rear x z, N, world axes; zero in flight; (W, K, 4)."""
-    foot: np.ndarray
-    """Foot − base, mean of the pair, front x z, rear x z, m, world axes; (W, K, 4)."""
-    contact: np.ndarray
-    """Whether each step begins before take-off, bool, (W, K)."""
-    time_s: np.ndarray
-    """Scheduled start of each step, since the start of the jump, (W, K): the phase."""
-    step_s: np.ndarray
-    """Length of each step, (W, K)."""
-    start: np.ndarray
-    """Number of each window's first step in its jump, int, (W,)."""
+    state: np.ndarray  # First state: x z pitch and rates, m, rad, s; x from the window's start, z in the world; (W, 6)
+    force: np.ndarray  # Ground forces on the robot, front x z, rear x z, N, world axes; zero in flight; (W, K, 4)
+    foot: np.ndarray  # Foot − base, mean of the pair, front x z, rear x z, m, world axes; (W, K, 4)
+    contact: np.ndarray  # Whether each step begins before take-off, bool, (W, K)
+    time_s: np.ndarray  # Scheduled start of each step, since the start of the jump, (W, K): the phase
+    step_s: np.ndarray  # Length of each step, (W, K)
+    start: np.ndarray  # Number of each window's first step in its jump, int, (W,)
 
     def __len__(self) -> int:
         return len(self.state)
@@ -100,29 +92,19 @@ class Windows:
     """W windows of K steps, cut from the named jumps on one grid and schedule with one robot's kinematics."""
 
     grid: TimeGrid
-    schedule: ContactSchedule | None
-    """Contact schedule of all jumps; None where there are no windows."""
+    schedule: ContactSchedule | None  # Contact schedule of all jumps; None where there are no windows
     robot: str
     robot_sha256: str
     jumps: tuple[str, ...]
-    jump: np.ndarray
-    """Which of ``jumps`` each window is of, int, (W,)."""
-    start: np.ndarray
-    """Number of each window's first step in its jump, int, (W,)."""
-    start_x: np.ndarray
-    """World x of the base at each window's first sample, m, (W,)."""
-    state: np.ndarray
-    """Measured states: x z pitch and rates; x from the window's start, z in the world; (W, K + 1, 6)."""
-    force: np.ndarray
-    """As in ``RolloutInputs``, (W, K, 4)."""
-    foot: np.ndarray
-    """As in ``RolloutInputs``, (W, K, 4)."""
-    time_s: np.ndarray
-    """Scheduled time of each sample since the start of the jump, (W, K + 1)."""
-    step_s: np.ndarray
-    """Length of each step, (W, K): as scheduled, or as long as it was by the log's own clock."""
-    contact: np.ndarray
-    """Whether each step begins before take-off, bool, (W, K)."""
+    jump: np.ndarray  # Which of ``jumps`` each window is of, int, (W,)
+    start: np.ndarray  # Number of each window's first step in its jump, int, (W,)
+    start_x: np.ndarray  # World x of the base at each window's first sample, m, (W,)
+    state: np.ndarray  # Measured states: x z pitch and rates; x from the window's start, z in the world; (W, K + 1, 6)
+    force: np.ndarray  # As in ``RolloutInputs``, (W, K, 4)
+    foot: np.ndarray  # As in ``RolloutInputs``, (W, K, 4)
+    time_s: np.ndarray  # Scheduled time of each sample since the start of the jump, (W, K + 1)
+    step_s: np.ndarray  # Length of each step, (W, K): as scheduled, or as long as it was by the log's own clock
+    contact: np.ndarray  # Whether each step begins before take-off, bool, (W, K)
 
     def __len__(self) -> int:
         return len(self.jump)
@@ -313,18 +295,12 @@ class Transitions:
     """n single measured steps, each once however many windows share it."""
 
     situation: Situation
-    force: np.ndarray
-    """Ground forces on the robot, as in ``RolloutInputs``, (n, 4), N."""
-    contact: np.ndarray
-    """Whether each step begins before take-off, bool, (n,)."""
-    step_s: np.ndarray
-    """Length of each step, (n,)."""
-    step: np.ndarray
-    """Number of the step in its jump, (n,)."""
-    jump: np.ndarray
-    """Number of the jump among those of the windows, (n,)."""
-    increment: np.ndarray
-    """Next state minus state, (n, 6)."""
+    force: np.ndarray  # Ground forces on the robot, as in ``RolloutInputs``, (n, 4), N
+    contact: np.ndarray  # Whether each step begins before take-off, bool, (n,)
+    step_s: np.ndarray  # Length of each step, (n,)
+    step: np.ndarray  # Number of the step in its jump, (n,)
+    jump: np.ndarray  # Number of the jump among those of the windows, (n,)
+    increment: np.ndarray  # Next state minus state, (n, 6)
 
     @property
     def acceleration(self) -> np.ndarray:

@@ -28,24 +28,18 @@ PUBLISHED_SUPPLY_V = 21.5
 class PlanarLink:
     """A thigh, or a calf with its foot, of one leg."""
 
-    mass: float
-    """kg"""
-    length: float
-    """m, hip to knee or knee to foot"""
-    com_down: float
-    """m, from the upper joint along the link to its centre of mass"""
-    com_across: float
-    """m, across it: forward of a link that hangs straight down"""
-    inertia: float
-    """kg·m² about the centre of mass"""
+    mass: float  # kg
+    length: float  # m, hip to knee or knee to foot
+    com_down: float  # m, from the upper joint along the link to its centre of mass
+    com_across: float  # m, across it: forward of a link that hangs straight down
+    inertia: float  # kg·m² about the centre of mass
 
 
 @dataclass(frozen=True)
 class PlanarLeg:
     """One leg: position of its hip in the trunk, and its two links."""
 
-    hip_x: float
-    """m, in the trunk"""
+    hip_x: float  # m, in the trunk
     hip_z: float
     thigh: PlanarLink
     calf: PlanarLink
@@ -57,13 +51,10 @@ class JointMap:
 
     leg: str
     pair: str
-    abduction: tuple[str, ...]
-    """Joints that stay at zero, where the leg moves in the plane."""
-    pitch: tuple[str, str]
-    """Thigh and calf joint."""
+    abduction: tuple[str, ...]  # Joints that stay at zero, where the leg moves in the plane
+    pitch: tuple[str, str]  # Thigh and calf joint
     sign: tuple[float, float] = (-1.0, -1.0)
-    offset: tuple[float, float] = (0.0, 0.0)
-    """rad"""
+    offset: tuple[float, float] = (0.0, 0.0)  # rad
     foot: str = ""
 
 
@@ -93,33 +84,23 @@ class PlanarRobot:
     """
 
     name: str = "a1"
-    trunk_mass: float = 9.593
-    """kg, with what moves with it while the legs stay in their planes"""
-    trunk_com_x: float = 0.0
-    """m, in the trunk"""
+    trunk_mass: float = 9.593  # kg, with what moves with it while the legs stay in their planes
+    trunk_com_x: float = 0.0  # m, in the trunk
     trunk_com_z: float = 0.0
-    trunk_inertia: float = 9.593 * (0.366**2 + 0.114**2) / 12
-    """kg·m² about its centre of mass; of a uniform box"""
+    trunk_inertia: float = 9.593 * (0.366**2 + 0.114**2) / 12  # kg·m² about its centre of mass; of a uniform box
     front: PlanarLeg = field(default_factory=lambda: published_leg(0.183))
     rear: PlanarLeg = field(default_factory=lambda: published_leg(-0.183))
-    foot_radius: float = 0.02
-    """m; the planner's feet are points, at the centres of the robot's spheres."""
+    foot_radius: float = 0.02  # m; the planner's feet are points, at the centres of the robot's spheres
     rolling_radius_m: float = 0.0
     """Radius of feet that roll on the ground as the calf rotates, m; 0: point feet, as published."""
-    armature: float = 0.128
-    """kg·m², inertia of the motors of a pair of joints, seen at the joint."""
-    damping: float = 1.0
-    """N·m·s/rad, viscous, of a pair of joints."""
-    gravity: float = 9.81
-    """m/s²."""
+    armature: float = 0.128  # kg·m², inertia of the motors of a pair of joints, seen at the joint
+    damping: float = 1.0  # N·m·s/rad, viscous, of a pair of joints
+    gravity: float = 9.81  # m/s²
     speed_per_torque: float = 0.34602
     """rad/s per N·m at one joint: R / (Kt² gear²) × Kt gear for Kt 4/34, R = 25 Kt², gear 8.5."""
-    no_load_speed: float = PUBLISHED_SUPPLY_V
-    """rad/s, since gear × Kt = 1; infinite: no torque-speed limit."""
-    torque_limit: tuple[float, float] = (33.5, 33.5)
-    """N·m, of one thigh and one calf joint"""
-    thigh_range: tuple[float, float] = (-4.1888, 1.047)
-    """rad, in the planner's sign"""
+    no_load_speed: float = PUBLISHED_SUPPLY_V  # rad/s, since gear × Kt = 1; infinite: no torque-speed limit
+    torque_limit: tuple[float, float] = (33.5, 33.5)  # N·m, of one thigh and one calf joint
+    thigh_range: tuple[float, float] = (-4.1888, 1.047)  # rad, in the planner's sign
     calf_range: tuple[float, float] = (0.916, 2.697)
     joints: tuple[JointMap, ...] = A1_JOINTS
 

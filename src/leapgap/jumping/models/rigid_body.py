@@ -11,8 +11,7 @@ from leapgap.jumping.task import Target
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, FORCES, per_axis
 from leapgap.robot.model import Robot
 
-GRAVITY = 9.81
-"""m/s²."""
+GRAVITY = 9.81  # m/s²
 
 X, Z, PITCH, VX, VZ, PITCH_RATE = range(6)
 """Layout of the state: position of the base in the world, m, pitch, rad, nose-down, and their rates."""
@@ -27,8 +26,7 @@ class RigidBody:
     An infinite inertia drops the moment of the forces.
     """
 
-    mass_kg: float
-    """Mass of the whole robot."""
+    mass_kg: float  # Mass of the whole robot
     pitch_inertia_kgm2: float
     """Composite inertia of trunk and legs about the centre of mass, about y, in one pose of the legs."""
 
@@ -81,8 +79,7 @@ PUBLISHED = RigidBody(mass_kg=12.0, pitch_inertia_kgm2=0.17)
 """Rigid body of the published training code, kept as a baseline."""
 
 
-ROUNDING_TOLERANCE = 0.005
-"""Largest relative difference between figures rounded to three digits and those of the model."""
+ROUNDING_TOLERANCE = 0.005  # Largest relative difference between figures rounded to three digits and those of the model
 
 
 @dataclass(frozen=True)
@@ -129,22 +126,17 @@ def planner_body(robot: Robot, joint_pos: np.ndarray, rounded: RigidBody | None)
     return rounded if (np.abs(stated / here - 1) <= ROUNDING_TOLERANCE).all() else own
 
 
-CURVATURE = 0.5
-"""c: positions are exact where a step's acceleration is constant."""
+CURVATURE = 0.5  # c: positions are exact where a step's acceleration is constant
 
 
 @dataclass(frozen=True)
 class PlannedSteps:
     """n steps of one plan."""
 
-    time_s: np.ndarray
-    """Start of each, since the start of the jump, (n,)."""
-    end_s: np.ndarray
-    """End of each, (n,)."""
-    foot: np.ndarray
-    """Planned foot − base, front x z, rear x z, m, at the start of each, (n, 4)."""
-    pushing: np.ndarray
-    """Whether the front and the rear pair are planned to push at its start, bool, (n, 2)."""
+    time_s: np.ndarray  # Start of each, since the start of the jump, (n,)
+    end_s: np.ndarray  # End of each, (n,)
+    foot: np.ndarray  # Planned foot − base, front x z, rear x z, m, at the start of each, (n, 4)
+    pushing: np.ndarray  # Whether the front and the rear pair are planned to push at its start, bool, (n, 2)
     target: Target
     stance_rad: float = 0.0
     """Planned pitch of the trunk in the crouch at the start, nose-down: that of the ground under the feet."""
@@ -156,8 +148,7 @@ class PlannedSteps:
 class DeviationModel(ABC):
     """Accelerations of the deviation from a plan."""
 
-    body: RigidBody
-    """Whose B(r) is part of the model."""
+    body: RigidBody  # Whose B(r) is part of the model
 
     @abstractmethod
     def residual(self, steps: PlannedSteps) -> AffineModel:

@@ -24,8 +24,7 @@ CROUCH = np.array([-0.4, 0.75, -0.4, 0.75]) * np.pi
 """Joint angles the published jumps start and end with, rad, in the planner's sign."""
 
 
-Scalar = Any
-"""A float, or a CasADi expression."""
+Scalar = Any  # A float, or a CasADi expression
 
 
 @dataclass(frozen=True)
@@ -69,12 +68,9 @@ class Leg:
     knee_to_calf_com: Vector
     hip: Vector
     knee: Vector
-    foot: Vector
-    """Centre of the foot's sphere."""
-    foot_to_ground: Vector
-    """Vector to the contact point on the sphere."""
-    anchor: Vector
-    """Point that does not move while the foot stands: its centre minus the distance it has rolled."""
+    foot: Vector  # Centre of the foot's sphere
+    foot_to_ground: Vector  # Vector to the contact point on the sphere
+    anchor: Vector  # Point that does not move while the foot stands: its centre minus the distance it has rolled
 
 
 def link_angles(q: Any) -> list[Scalar]:

@@ -18,12 +18,9 @@ HIGHEST_JUMP_M = 2.0
 class Weights:
     """Weights of the cost Σ_{k<N} (pose ‖q_j − crouch‖² + torque ‖τ‖²) + landing_pose ‖q_j(N) − crouch‖²."""
 
-    pose: float = 1.0
-    """1/rad²"""
-    torque: float = 0.05
-    """1/(N·m)², on the sum of a pair"""
-    landing_pose: float = 100.0
-    """1/rad²"""
+    pose: float = 1.0  # 1/rad²
+    torque: float = 0.05  # 1/(N·m)², on the sum of a pair
+    landing_pose: float = 100.0  # 1/rad²
 
     def __post_init__(self) -> None:
         if not (
@@ -42,16 +39,12 @@ class Limits:
     friction: float = 0.4
     least_front_force_n: float = 30.0
     least_rear_force_n: float = 50.0
-    stance_torque_nm: float = float("inf")
-    """Infinite: what the robot's motors give, 67 N·m for the published robot."""
-    swing_torque_nm: float = 20.0
-    """Torque limit of the front pair while the rear pair still pushes."""
+    stance_torque_nm: float = float("inf")  # Infinite: what the robot's motors give, 67 N·m for the published robot
+    swing_torque_nm: float = 20.0  # Torque limit of the front pair while the rear pair still pushes
     flight_torque_nm: float = 30.0
     joint_speed_rad_s: float = 21.0
-    knee_clearance_m: float = 0.05
-    """Least height of a standing leg's knee above its foot."""
-    hip_clearance_m: float = 0.07
-    """Least height of a standing leg's hip above its foot."""
+    knee_clearance_m: float = 0.05  # Least height of a standing leg's knee above its foot
+    hip_clearance_m: float = 0.07  # Least height of a standing leg's hip above its foot
     swing_clearance_m: float | None = None
     """Least height of the front feet over where they stood while only the rear ones push, reached by
     ``nlp.SWING_RISE_M`` a knot; feet in the air keep clear of boxes, too. None, as published: planned feet may then
@@ -120,8 +113,7 @@ class Aim:
 
     x_m: float = 0.0
     z_m: float = 0.0
-    pitch_rad: float = 0.0
-    """Pitch of the trunk at the landing, nose-down; the published plans land level."""
+    pitch_rad: float = 0.0  # Pitch of the trunk at the landing, nose-down; the published plans land level
 
 
 @dataclass(frozen=True)
@@ -152,14 +144,10 @@ class Problem:
 class Trajectory:
     """Motion and effort of a plan in the planner's coordinates (q as in ``jumping.planning.layout``), SI units."""
 
-    q: np.ndarray
-    """(N + 1, 7)"""
-    v: np.ndarray
-    """(N + 1, 7)"""
-    torque: np.ndarray
-    """(N, 4), of the joint pairs"""
-    force: np.ndarray
-    """(N, 4), of the feet of a pair on the ground: front x z, rear x z"""
+    q: np.ndarray  # (N + 1, 7)
+    v: np.ndarray  # (N + 1, 7)
+    torque: np.ndarray  # (N, 4), of the joint pairs
+    force: np.ndarray  # (N, 4), of the feet of a pair on the ground: front x z, rear x z
 
 
 def start_legs(robot: PlanarRobot, pitch_rad: float = 0.0) -> tuple[Leg, Leg]:
@@ -178,10 +166,8 @@ def start_rise(robot: PlanarRobot, pitch_rad: float) -> float:
     return start_feet(robot)[1][1] - start_feet(robot, pitch_rad)[1][1]
 
 
-BOX_MARGIN = 0.05
-"""m, least distance of a box from the feet that start in front of it: knees bend beyond them."""
-BOX_EDGES = (1.2, 1.0)
-"""m, along x and y: room to land and stand."""
+BOX_MARGIN = 0.05  # m, least distance of a box from the feet that start in front of it: knees bend beyond them
+BOX_EDGES = (1.2, 1.0)  # m, along x and y: room to land and stand
 
 
 def terrain(robot: PlanarRobot, target: Target) -> tuple[Box, ...]:

@@ -222,8 +222,7 @@ class OptimizeSettings:
     planar: str | None
     out: str | None
     metrics: str | None
-    timing: str | None
-    """File of the solution times; ``beside``: beside the references."""
+    timing: str | None  # File of the solution times; ``beside``: beside the references
     targets: Any
     schedule: ContactSchedule = field(default_factory=ContactSchedule)
     weights: Weights = field(default_factory=Weights)

@@ -17,10 +17,8 @@ from leapgap.jumping.planning.problem import Aim, Grid, Limits, Problem, Traject
 from leapgap.jumping.task import Target
 from leapgap.robot.terrain import Box
 
-FEASIBLE = 1e-6
-"""A solution may break no constraint by more than this, each in its SI unit."""
-NEAR_M = 0.03
-"""A plan helps to solve its neighbour within this distance; from farther away a cold start is faster."""
+FEASIBLE = 1e-6  # A solution may break no constraint by more than this, each in its SI unit
+NEAR_M = 0.03  # A plan helps to solve its neighbour within this distance; from farther away a cold start is faster
 
 COLD: dict[str, Any] = {
     "print_level": 0,
@@ -85,13 +83,10 @@ class Solution:
     problem: Problem
     trajectory: Trajectory
     cost: float
-    max_violation: float
-    """Largest violation of any constraint or bound, each in its SI unit."""
+    max_violation: float  # Largest violation of any constraint or bound, each in its SI unit
     worst: Violation
-    status: str
-    """Return status of IPOPT."""
-    solved: bool
-    """The solver converged and no constraint is broken by more than ``FEASIBLE``."""
+    status: str  # Return status of IPOPT
+    solved: bool  # The solver converged and no constraint is broken by more than ``FEASIBLE``
     iterations: int
     seconds: float
     iterate: Iterate
@@ -115,8 +110,7 @@ class Planner:
     robot: PlanarRobot
     weights: Weights
     limits: Limits
-    boxes: tuple[Box, ...] = ()
-    """Boxes that feet in the air keep clear of."""
+    boxes: tuple[Box, ...] = ()  # Boxes that feet in the air keep clear of
     _lock: Any = field(default_factory=threading.RLock, compare=False, repr=False)
 
     @cached_property
@@ -294,8 +288,7 @@ def landing_goal(problem: Problem) -> np.ndarray:
 Index = tuple[int, ...]
 """Coordinates of a node of the lattice: x, z and pitch of the goal, and pitch of the stance, in spacings."""
 
-HALVINGS = 2
-"""A step that leads to no plan is halved so many times; each half may be halved again."""
+HALVINGS = 2  # A step that leads to no plan is halved so many times; each half may be halved again
 
 
 @dataclass(frozen=True)

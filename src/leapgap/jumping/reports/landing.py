@@ -66,12 +66,9 @@ FRICTION, FRICTION_OF_GROUND, LARGEST_N = 0.6, 0.8, 350.0
 """Friction cone of the MPC, friction of the simulated ground, and force limit of the MPC, N."""
 LARGEST_PITCH_DEG = 15.0
 LEAST_PUSH_N = 20.0
-LEAST_SHOWN_CM = 0.05
-"""Smaller errors are drawn at this value, because the axis is logarithmic."""
-CURVE_STEP_S = 0.005
-"""Each point of a curve is a mean over this time."""
-SINCE_BEGIN = "s since the first jump began"
-"""Title of the time axis of curves."""
+LEAST_SHOWN_CM = 0.05  # Smaller errors are drawn at this value, because the axis is logarithmic
+CURVE_STEP_S = 0.005  # Each point of a curve is a mean over this time
+SINCE_BEGIN = "s since the first jump began"  # Title of the time axis of curves
 Rows = Sequence[Mapping[str, Any]]
 
 

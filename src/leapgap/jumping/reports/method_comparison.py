@@ -40,10 +40,8 @@ NEEDED = (*BASE_POSITION, *BASE_QUATERNION, *BASE_VELOCITY, *BASE_ANGULAR_VELOCI
 class PredictedHorizon:
     """One update of the MPC: where it expects the base to go."""
 
-    time_s: np.ndarray
-    """Times of the steps since the start of the jump, the first is the update, (n + 1,)."""
-    state: np.ndarray
-    """x z pitch and rates in the frame of the start, m, rad, s, (n + 1, 6)."""
+    time_s: np.ndarray  # Times of the steps since the start of the jump, the first is the update, (n + 1,)
+    state: np.ndarray  # x z pitch and rates in the frame of the start, m, rad, s, (n + 1, 6)
 
 
 @dataclass(frozen=True)
@@ -51,8 +49,7 @@ class MpcHorizons:
     """All updates of a jump, with the reference, in the frame of the jump's start."""
 
     frame: StartFrame
-    reference: np.ndarray
-    """States of the reference, (rows, 6)."""
+    reference: np.ndarray  # States of the reference, (rows, 6)
     updates: tuple[PredictedHorizon, ...]
 
     def in_world(self, states: np.ndarray) -> np.ndarray:
@@ -154,8 +151,7 @@ def in_words(horizons: MpcHorizons) -> str:
     )
 
 
-PREDICTING = "nominal_variable"
-"""Method whose predictions are shown."""
+PREDICTING = "nominal_variable"  # Method whose predictions are shown
 ENDS = (("x", "m"), ("z", "m"), ("pitch", "rad"))
 
 

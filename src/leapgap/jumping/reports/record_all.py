@@ -27,8 +27,7 @@ from leapgap.runtime.atomic_io import read_json, write_text
 
 TRUTH = "measured"
 COLUMNS = ("model", "window", "step", "time", *(part.key for part in COMPONENTS))
-SHOWN_WINDOW_S = 0.65
-"""Start of the roll-out that is plotted, s: the rear feet push, before the flight."""
+SHOWN_WINDOW_S = 0.65  # Start of the roll-out that is plotted, s: the rear feet push, before the flight
 MORE_COLOURS: tuple[Colour, ...] = ((160, 160, 160), (200, 170, 90), (150, 200, 90))
 
 
@@ -36,10 +35,8 @@ MORE_COLOURS: tuple[Colour, ...] = ((160, 160, 160), (200, 170, 90), (150, 200, 
 class ShownPrediction:
     """Prediction of one model from the start of one window on."""
 
-    time: np.ndarray
-    """Times of the steps, s, (steps,)."""
-    values: Mapping[str, np.ndarray]
-    """Predicted absolute values by ``Component.key``, (steps,) each."""
+    time: np.ndarray  # Times of the steps, s, (steps,)
+    values: Mapping[str, np.ndarray]  # Predicted absolute values by ``Component.key``, (steps,) each
 
     @property
     def start_s(self) -> float:
@@ -168,18 +165,12 @@ class View:
     replays_published: str
     predictions_simulated: str
     predictions_published: str
-    most: int
-    """Largest number of recordings of each kind; the first by name are taken."""
-    most_predictions: int
-    """Largest number of jumps with predictions of each kind; the first by name are taken."""
-    most_landings: int
-    """Largest number of tasks whose landings are recorded."""
-    models: list[str]
-    """Models whose predictions are shown; empty: all."""
-    landings: str | None
-    """Folder of the runs of one robot, as stage ``land`` keeps them."""
-    landing_methods: list[str]
-    """Methods shown in one scene, the first solid, the others as ghosts."""
+    most: int  # Largest number of recordings of each kind; the first by name are taken
+    most_predictions: int  # Largest number of jumps with predictions of each kind; the first by name are taken
+    most_landings: int  # Largest number of tasks whose landings are recorded
+    models: list[str]  # Models whose predictions are shown; empty: all
+    landings: str | None  # Folder of the runs of one robot, as stage ``land`` keeps them
+    landing_methods: list[str]  # Methods shown in one scene, the first solid, the others as ghosts
     out: str | None = None
 
     def __post_init__(self) -> None:

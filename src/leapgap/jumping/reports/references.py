@@ -15,10 +15,8 @@ from leapgap.robot.terrain import Box
 from leapgap.robot.visuals import Poses, body_poses
 
 PIXELS_PER_M = 190
-AROUND_M = 0.42
-"""Half the width of a picture, centred on the base."""
-BELOW_M, ABOVE_M = 0.06, 0.3
-"""Margins of a picture: below the floor, and above the highest point of the base."""
+AROUND_M = 0.42  # Half the width of a picture, centred on the base
+BELOW_M, ABOVE_M = 0.06, 0.3  # Margins of a picture: below the floor, and above the highest point of the base
 COLOURS = {"front": "#2563c9", "rear": "#e2542f", "base": "#111827", "ground": "#e3e7ee"}
 
 

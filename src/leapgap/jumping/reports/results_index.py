@@ -14,8 +14,7 @@ from leapgap.reports.page import render_page
 from leapgap.runtime.atomic_io import read_json
 
 BAR_PX, ROW_PX, LABEL_PX, VALUE_PX = 320, 22, 260, 70
-MOST_BARS, MOST_RANKED = 14, 4
-"""Of a ranked figure, those that are drawn, and those that stand in words."""
+MOST_BARS, MOST_RANKED = 14, 4  # Of a ranked figure, those that are drawn, and those that stand in words
 
 
 class Shown:
@@ -38,10 +37,8 @@ class Ranked:
 
     key: str
     unit: str
-    words: str | None = None
-    """What the smallest of them are, ``{}`` the name; None: they are drawn alone."""
-    interval: str | None = None
-    """Key of their intervals."""
+    words: str | None = None  # What the smallest of them are, ``{}`` the name; None: they are drawn alone
+    interval: str | None = None  # Key of their intervals
 
 
 @dataclass(frozen=True)
@@ -50,16 +47,14 @@ class Source:
 
     title: str
     says: str
-    metrics: str
-    """Path of the JSON file of its figures, below the folder ``metrics``."""
+    metrics: str  # Path of the JSON file of its figures, below the folder ``metrics``
     command: str
     figures: Mapping[str, str] = field(default_factory=dict)
     """Words → template of their value (``Shown``); where its key begins with ``?``, a file may lack it."""
     ranked: Ranked | None = None
     pages: Mapping[str, str] = field(default_factory=dict)
     """Files below ``data`` by what they are; those that do not exist are left out."""
-    report: str | None = None
-    """Folder of a diagnosis below ``data``, whose sentence is shown."""
+    report: str | None = None  # Folder of a diagnosis below ``data``, whose sentence is shown
 
 
 @dataclass(frozen=True)

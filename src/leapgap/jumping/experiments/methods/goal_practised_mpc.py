@@ -59,12 +59,10 @@ class GoalMpcMethod(MpcMethod):
     """The MPC along plans from the measured stance to the goal whose jumps are expected to land on the target."""
 
     planner: JumpPlanner | None = None
-    aimed: LandingModel | None = None
-    """Where jumps land by joint PD alone."""
+    aimed: LandingModel | None = None  # Where jumps land by joint PD alone
     farther: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """How much farther by the MPC, (3,), m, m, rad: a constant, for few jumps on the ground say little of a box."""
-    beyond: GoalOffsets = field(default_factory=GoalOffsets)
-    """Range of random offsets of the goals in practice."""
+    beyond: GoalOffsets = field(default_factory=GoalOffsets)  # Range of random offsets of the goals in practice
     goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:
@@ -133,10 +131,8 @@ class GoalPractisedMpcSettings(PractisedMpcSettings):
 
     name = "goal_practised_mpc"
 
-    rounds: int = 3
-    """Of jumps by the MPC."""
-    simulated: int = 6
-    """Simulated jumps to each of its targets."""
+    rounds: int = 3  # Of jumps by the MPC
+    simulated: int = 6  # Simulated jumps to each of its targets
     on_policy_weight: float = 1.0
     """As much as a simulated jump, which shows C and G better: it is kicked, and no feedback decides its forces."""
     kernel: DeviationKernelConfig = field(

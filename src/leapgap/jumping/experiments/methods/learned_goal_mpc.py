@@ -48,8 +48,7 @@ class GoalShiftMethod(Method):
     config: GoalShiftConfig = field(default_factory=GoalShiftConfig)
     goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Added to each goal for exploration, (3,), m, m, rad."""
-    exploration: np.ndarray | None = None
-    """Added to the shifts, (updates, 3), m, m, rad."""
+    exploration: np.ndarray | None = None  # Added to the shifts, (updates, 3), m, m, rad
 
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:
         """A jump that is planned after the stance was measured, and shifted on the way."""
@@ -74,8 +73,7 @@ class HeldShiftsConfig:
     """Number of updates, the last ones at which a shift may change. Before them the simulation is right."""
     shift: tuple[float, float, float] = (0.03, 0.0, 0.06)
     """Shift along each axis, m, m, rad; 0: none is held along it. Its sign changes from update to update."""
-    error: float = 0.15
-    """Standard deviation of a measured effect, m/m and the like: noise and scatter of two landings."""
+    error: float = 0.15  # Standard deviation of a measured effect, m/m and the like: noise and scatter of two landings
 
 
 def measure_held_shifts(

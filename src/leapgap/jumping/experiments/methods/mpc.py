@@ -16,8 +16,7 @@ class NominalMpcSettings(MethodSettings):
 
     name = "nominal_mpc"
 
-    grid: str
-    """Steps of the MPC: a key of ``land.grids``."""
+    grid: str  # Steps of the MPC: a key of ``land.grids``
     plans: PlanSource = PlanSource.own
 
     def check(self, name: str, settings: LandSettings) -> None:
@@ -40,10 +39,8 @@ class LearnedMpcSettings(MethodSettings):
 
     name = "learned_mpc"
 
-    grid: str
-    """Steps of the MPC: a key of ``land.grids``."""
-    models: str
-    """Folder of stage train: a key of ``land.models``."""
+    grid: str  # Steps of the MPC: a key of ``land.grids``
+    models: str  # Folder of stage train: a key of ``land.models``
     plans: PlanSource = PlanSource.own
 
     def check(self, name: str, settings: LandSettings) -> None:

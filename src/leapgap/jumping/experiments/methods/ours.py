@@ -42,8 +42,7 @@ class OursAdaptedSettings(MethodSettings):
 
     name = "ours_adapted"
 
-    of: str = "ours"
-    """Name of the method that is adapted."""
+    of: str = "ours"  # Name of the method that is adapted
 
     def prepare(self, name: str, rig: Rig) -> Method | None:
         """Make a few jumps of every task, and learn the offsets from them."""

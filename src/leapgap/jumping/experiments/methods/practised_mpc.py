@@ -24,14 +24,10 @@ class Round:
     """What the jumps of one round showed; ``landed`` beside the plan, ``predicted`` beside the model that made them."""
 
     jumps: int
-    landed_cm: float
-    """Mean |landing − plan| along x, cm."""
-    predicted_cm: float
-    """Mean |landing − prediction| along x from the states 150 ms before take-off, cm."""
-    pitch_deg: float
-    """Mean |pitch − plan| at the landing."""
-    simulated: bool = False
-    """Whether they are of the identified robot, and no jumps of the robot itself."""
+    landed_cm: float  # Mean |landing − plan| along x, cm
+    predicted_cm: float  # Mean |landing − prediction| along x from the states 150 ms before take-off, cm
+    pitch_deg: float  # Mean |pitch − plan| at the landing
+    simulated: bool = False  # Whether they are of the identified robot, and no jumps of the robot itself
 
     def __str__(self) -> str:
         told = f"{self.landed_cm:.1f} cm beside the plan, {self.predicted_cm:.1f} cm beside the prediction"
@@ -42,12 +38,9 @@ class Round:
 class Practised:
     """What is kept, and how the rounds went."""
 
-    method: MpcMethod
-    """The MPC with the model that is kept."""
-    name: str
-    """Of its recipe."""
-    kept: int
-    """Number of rounds whose jumps it was fitted to."""
+    method: MpcMethod  # The MPC with the model that is kept
+    name: str  # Of its recipe
+    kept: int  # Number of rounds whose jumps it was fitted to
     rounds: tuple[Round, ...]
 
     @property
@@ -122,8 +115,7 @@ def round_trials(
 
 EXACT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """Of simulated jumps: noise of a velocity looks like one that fades within a step, and C is learned too large."""
-KICKED_S = (0.1, 0.75)
-"""Range of the times of simulated kicks, since the start of the jump."""
+KICKED_S = (0.1, 0.75)  # Range of the times of simulated kicks, since the start of the jump
 
 
 def kicked(task: JumpTask, period_s: float, rng: np.random.Generator) -> JumpTask:
@@ -149,8 +141,7 @@ def judged(jumps: Sequence[DeviatingJump], model: DeviationModel) -> Round:
     return Round(len(jumps), float(x_cm.mean()), float(100 * off[:, 0].mean()), float(pitch_deg.mean()))
 
 
-NOMINAL = "nominal"
-"""In place of a learned model: the same MPC without practice."""
+NOMINAL = "nominal"  # In place of a learned model: the same MPC without practice
 
 
 @dataclass(frozen=True)
@@ -159,10 +150,8 @@ class PractisedMpcSettings(MethodSettings):
 
     name = "practised_mpc"
 
-    grid: str
-    """Steps of the MPC and of the model: a key of ``land.grids``."""
-    model: str | None = None
-    """``nominal``, or a recipe in place of ``land.learned.model``."""
+    grid: str  # Steps of the MPC and of the model: a key of ``land.grids``
+    model: str | None = None  # ``nominal``, or a recipe in place of ``land.learned.model``
 
     def check(self, name: str, settings: LandSettings) -> None:
         """Refuse an unknown grid or model."""

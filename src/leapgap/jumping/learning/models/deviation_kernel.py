@@ -13,8 +13,7 @@ from leapgap.jumping.models.affine_model import AffineModel
 from leapgap.jumping.models.rigid_body import DeviationModel, PlannedSteps, RigidBody
 from leapgap.logs.pair_force import FORCES, per_axis
 
-REGRESSORS = 1 + 6 + FORCES
-"""What h, C and G multiply: 1, the errors and the forces."""
+REGRESSORS = 1 + 6 + FORCES  # What h, C and G multiply: 1, the errors and the forces
 
 
 @dataclass
@@ -25,12 +24,10 @@ class DeviationKernelConfig(ModelSettings):
     phase_s: float = 0.05
     target_m: float = 0.3
     stance_rad: float = 0.15
-    ridge: float = 0.1
-    """Noise variance over the variance of h, per step of weight 1."""
+    ridge: float = 0.1  # Noise variance over the variance of h, per step of weight 1
     error_unit: list[float] = field(default_factory=lambda: [0.02, 0.02, 0.05, 0.1, 0.1, 0.4])
     """Deviations whose effects are as large as h, m, rad, s."""
-    force_unit_n: float = 40.0
-    """Deviation of a force whose effect is as large as h."""
+    force_unit_n: float = 40.0  # Deviation of a force whose effect is as large as h
     own_h: float = 1.0
     """Variance of the h that the robot has beside that of the simulated jumps, over the variance of h; C and G are
     shared."""
@@ -51,10 +48,8 @@ class DeviationKernelConfig(ModelSettings):
 class ModePart:
     """The fit of one mode to n steps."""
 
-    place: np.ndarray
-    """Scaled phase, target and stance of each step, (n, 4)."""
-    weights: np.ndarray
-    """Of 1, the scaled errors and the scaled forces, for each velocity row: (n, 11 × 3)."""
+    place: np.ndarray  # Scaled phase, target and stance of each step, (n, 4)
+    weights: np.ndarray  # Of 1, the scaled errors and the scaled forces, for each velocity row: (n, 11 × 3)
 
 
 @dataclass(frozen=True)
@@ -62,12 +57,9 @@ class DeviationKernel(DeviationModel):
     """k((s, w), (s', w')) = exp(−‖s − s'‖²/2) w·w', s of phase, target and stance, w = (1, e, du) in units."""
 
     body: RigidBody
-    scale: np.ndarray
-    """Divides phase, s, target x and z, m, and stance, rad, (4,)."""
-    unit: np.ndarray
-    """Of the errors and the forces, (10,)."""
-    modes: dict[str, ModePart]
-    """By the pairs that push, as in ``mode_of``."""
+    scale: np.ndarray  # Divides phase, s, target x and z, m, and stance, rad, (4,)
+    unit: np.ndarray  # Of the errors and the forces, (10,)
+    modes: dict[str, ModePart]  # By the pairs that push, as in ``mode_of``
     landing_s: float
 
     def residual(self, steps: PlannedSteps) -> AffineModel:

@@ -20,14 +20,10 @@ class DeviationNetworks(DeviationModel):
     """The mean of the members: h, then C, then G in units, from scaled phase, target and stance."""
 
     body: RigidBody
-    scale: np.ndarray
-    """Divides phase, s, target x and z, m, and stance, rad, (4,)."""
-    unit: np.ndarray
-    """Of what an output multiplies: 1, the errors and the forces, (11,)."""
-    acceleration_unit: np.ndarray
-    """(3,), m/s² and rad/s²."""
-    networks: Mapping[str, Mlp]
-    """By mode, 4 inputs to 3 × 11 outputs."""
+    scale: np.ndarray  # Divides phase, s, target x and z, m, and stance, rad, (4,)
+    unit: np.ndarray  # Of what an output multiplies: 1, the errors and the forces, (11,)
+    acceleration_unit: np.ndarray  # (3,), m/s² and rad/s²
+    networks: Mapping[str, Mlp]  # By mode, 4 inputs to 3 × 11 outputs
     landing_s: float
 
     def residual(self, steps: PlannedSteps) -> AffineModel:
@@ -60,21 +56,15 @@ class DeviationNetworksConfig(ModelSettings):
 
     section: ClassVar[str] = "deviation_networks"
     hidden: list[int] = field(default_factory=lambda: [64])
-    seeds: int = 3
-    """Members of the ensemble."""
+    seeds: int = 3  # Members of the ensemble
     phase_s: float = 0.1
     target_m: float = 0.3
-    stance_rad: float = 0.3
-    """Units of the inputs."""
+    stance_rad: float = 0.3  # Units of the inputs
     error_unit: list[float] = field(default_factory=lambda: [0.02, 0.02, 0.05, 0.1, 0.1, 0.4])
-    force_unit_n: float = 40.0
-    """Deviations whose effects are of the size of the outputs."""
-    acceleration_unit: list[float] = field(default_factory=lambda: [2.0, 2.0, 8.0])
-    """Of the outputs, m/s² and rad/s²."""
-    horizon: int = 10
-    """Steps of the roll-outs in the loss (K)."""
-    bias_spread: float = 4.0
-    """Of the first biases, so that units differ in phase."""
+    force_unit_n: float = 40.0  # Deviations whose effects are of the size of the outputs
+    acceleration_unit: list[float] = field(default_factory=lambda: [2.0, 2.0, 8.0])  # Of the outputs, m/s² and rad/s²
+    horizon: int = 10  # Steps of the roll-outs in the loss (K)
+    bias_spread: float = 4.0  # Of the first biases, so that units differ in phase
     fitting: Fitting = field(
         default_factory=lambda: Fitting(steps=300, learning_rate=0.01, weight_decay=0.01, clip_norm=1.0)
     )

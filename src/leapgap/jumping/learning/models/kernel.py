@@ -13,8 +13,7 @@ from leapgap.jumping.learning.windows import RolloutInputs, Transitions, Windows
 from leapgap.jumping.models.affine_model import AffineModel, Situation, check_names, columns, selection
 from leapgap.jumping.models.rigid_body import RigidBody
 
-MOST_STEPS = 2048
-"""Largest number of training steps of a phase: 64 jumps of 32 steps in contact."""
+MOST_STEPS = 2048  # Largest number of training steps of a phase: 64 jumps of 32 steps in contact
 PHASES = {"contact": True, "flight": False}
 
 
@@ -37,8 +36,7 @@ class KernelConfig(ModelSettings):
     length_contact: float = 1.0
     length_flight: float = 0.6
     ridge_contact: float = 0.02
-    ridge_flight: float = 0.3
-    """Noise variance over signal variance, per training step."""
+    ridge_flight: float = 0.3  # Noise variance over signal variance, per training step
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing, before any work."""
@@ -53,22 +51,14 @@ class KernelConfig(ModelSettings):
 class KernelPart:
     """The fit of one phase: n training steps, f inputs."""
 
-    input_mean: np.ndarray
-    """Mean of the raw training inputs, (f,)."""
-    input_scale: np.ndarray
-    """Divides the inputs: standard deviation over weight, length and √f, (f,)."""
-    force_mean: np.ndarray
-    """Mean of the training forces, (4,), N."""
-    force_scale: np.ndarray
-    """Divides the forces after their mean is taken off, (4,), N."""
-    inputs: np.ndarray
-    """Scaled training inputs, (n, f)."""
-    forces: np.ndarray
-    """Scaled training forces, (n, 4)."""
-    weights: np.ndarray
-    """Of the training steps, in accelerations, (n, 3)."""
-    mean: np.ndarray
-    """Mean training residual, (3,)."""
+    input_mean: np.ndarray  # Mean of the raw training inputs, (f,)
+    input_scale: np.ndarray  # Divides the inputs: standard deviation over weight, length and √f, (f,)
+    force_mean: np.ndarray  # Mean of the training forces, (4,), N
+    force_scale: np.ndarray  # Divides the forces after their mean is taken off, (4,), N
+    inputs: np.ndarray  # Scaled training inputs, (n, f)
+    forces: np.ndarray  # Scaled training forces, (n, 4)
+    weights: np.ndarray  # Of the training steps, in accelerations, (n, 3)
+    mean: np.ndarray  # Mean training residual, (3,)
 
     def at(self, inputs: np.ndarray) -> AffineModel:
         """h and G at scaled inputs (m, f).
@@ -215,8 +205,7 @@ class KernelRecipe(ModelRecipe):
     colour = "#14804a"
     uncertainty_from = "kernel"
     uncertainty_file = "spread"
-    uses_phase: ClassVar[bool] = True
-    """Whether the phase of the jump stays among the configured inputs."""
+    uses_phase: ClassVar[bool] = True  # Whether the phase of the jump stays among the configured inputs
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
         """Solve for the weights of the training steps."""

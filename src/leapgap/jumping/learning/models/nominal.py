@@ -54,8 +54,7 @@ class NominalRecipe(ModelRecipe):
     name = "nominal"
     model = NominalModel
     shown_by_step = False
-    body: ClassVar[RigidBody | None] = None
-    """The body, where it is not the configured one."""
+    body: ClassVar[RigidBody | None] = None  # The body, where it is not the configured one
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
         """Nothing is fitted: the body is taken as it is."""
@@ -121,8 +120,7 @@ class Playback(Model):
     """The mean training jump, played back from the measured first state: no model, no inputs."""
 
     kind: ClassVar[str] = "playback"
-    increments: np.ndarray
-    """Mean change of the state during each step of the jump, (N, 6)."""
+    increments: np.ndarray  # Mean change of the state during each step of the jump, (N, 6)
 
     @staticmethod
     def fit(windows: Windows) -> "Playback":

@@ -59,12 +59,9 @@ class NetworksConfig(ModelSettings):
 
     inputs: dict[str, float] = field(default_factory=lambda: dict(INPUTS))
     """Inputs, each with its weight after scaling to unit variance: a large weight lets the model change fast."""
-    hidden: list[int] = field(default_factory=lambda: [128])
-    """Units of each hidden layer of h1, G1 and h2."""
-    seeds: int = 3
-    """Members of the ensemble."""
-    force_scale: float = 5.0
-    """Standard deviations of a force that count like one of an input."""
+    hidden: list[int] = field(default_factory=lambda: [128])  # Units of each hidden layer of h1, G1 and h2
+    seeds: int = 3  # Members of the ensemble
+    force_scale: float = 5.0  # Standard deviations of a force that count like one of an input
     output_gain: float = 0.1
     bias_spread: float = 2.5
     fitting: Fitting = field(default_factory=Fitting)
@@ -99,8 +96,7 @@ class NetworksRecipe(ModelRecipe):
     colour = "#2563c9"
     label_is_plural = True
     uncertainty_from = "kernel"
-    uses_phase: ClassVar[bool] = True
-    """Whether the phase of the jump stays among the configured inputs."""
+    uses_phase: ClassVar[bool] = True  # Whether the phase of the jump stays among the configured inputs
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
         """Train from random weights."""
