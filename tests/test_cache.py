@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.jumping.experiments.training_jumps import identify_effects_config
+from leapgap.jumping.experiments.identification import identify_effects_config
 from leapgap.jumping.experiments.trial import TrialSpec
 from leapgap.jumping.learning.experiment import fit_task
 from leapgap.jumping.learning.store import export_model

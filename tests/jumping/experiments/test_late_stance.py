@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
-from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump
+from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump, GoalShiftMethod
 from leapgap.jumping.experiments.method import JumpTask
-from leapgap.jumping.experiments.methods.learned_goal_mpc import GoalShiftMethod
 from leapgap.jumping.experiments.rig import Bench
 from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task
 from leapgap.jumping.models.planar import planar_robot

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.jumping.experiments import training_jumps
+from leapgap.jumping.experiments import identification
 from leapgap.jumping.experiments.goal_directed_jump import (
     JumpPlanner,
     LandingModel,
@@ -14,12 +14,12 @@ from leapgap.jumping.experiments.goal_directed_jump import (
     best_goal,
     target_pose,
 )
-from leapgap.jumping.experiments.method import JointPdMethod, JumpTask
+from leapgap.jumping.experiments.method import AimingMethod, JointPdMethod, JumpTask
 from leapgap.jumping.experiments.methods.joint_pd import learn_shift
 from leapgap.jumping.experiments.methods.ours import adapt_offsets
 from leapgap.jumping.experiments.rig import Bench
 from leapgap.jumping.experiments.settings import AdaptConfig, GoalOffsets, PracticeConfig
-from leapgap.jumping.experiments.training_jumps import AimingMethod, run_practice
+from leapgap.jumping.experiments.training_jumps import run_practice
 from leapgap.jumping.experiments.trial import Landing, RunMetrics, TrialResult, TrialSpec
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.task import Target
@@ -51,7 +51,7 @@ def law(trial: TrialSpec) -> TrialResult:
 @pytest.fixture
 def quick(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
     monkeypatch.setattr(TrialSpec, "run", law)
-    monkeypatch.setattr(training_jumps, "identify_effects", lambda *_: (effects.effect("joint_damping", damping=0.4),))
+    monkeypatch.setattr(identification, "identify_effects", lambda *_: (effects.effect("joint_damping", damping=0.4),))
     return bench
 
 

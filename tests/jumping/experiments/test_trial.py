@@ -9,9 +9,8 @@ from leapgap import effects
 from leapgap.jumping.control import compiler
 from leapgap.jumping.control.mpc import MpcConfig
 from leapgap.jumping.experiments.goal_directed_jump import OTHER_PLAN, GoalDirectedJump, JumpPlanner, target_pose
-from leapgap.jumping.experiments.method import JointPdMethod, JumpTask, MpcMethod
+from leapgap.jumping.experiments.method import AimingMethod, JointPdMethod, JumpTask, MpcMethod
 from leapgap.jumping.experiments.rig import Bench
-from leapgap.jumping.experiments.training_jumps import AimingMethod
 from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task, landing_pose, landing_samples, pair_force
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body import RigidBodyModel

@@ -96,7 +96,7 @@ def test_a_new_model_is_one_recipe(windows: Windows, tmp_path: Path, monkeypatch
     assert figures["cv_mse"]["networks_free_forecast"] == pytest.approx((moved**2).mean(), rel=1e-5)
     assert figures["forecast_cv_mse"] == {"networks_free_forecast": figures["cv_mse"]["networks_free_forecast"]}
     assert set(figures["coverage"]) == {"kernel"}
-    evaluation.write_error_by_step(found, tmp_path / "error_by_step.csv")
+    evaluation.write_tables(found, tmp_path)
     drawn = page.errors_by_step(page.read_rows(tmp_path / "error_by_step.csv"))
     shown = {trace.name: trace.line.color for trace in drawn.data}
     assert shown == {"kernel": "#14804a", "networks free forecast": "#123456"}

@@ -66,17 +66,11 @@ def horizon(grid: TimeGrid, schedule: ContactSchedule, time_s: float) -> Horizon
         if ends[first] - time_s < whole / 2 - ROUNDING_S and not phase_ends:
             first += 1
     times = np.concatenate([[time_s], ends[first : first + grid.steps]])
-    return Horizon(times, contact_share(schedule, times))
-
-
-def contact_share(schedule: ContactSchedule, times_s: np.ndarray) -> np.ndarray:
-    """Part of each interval between times (n + 1,) before the front and the rear pair lift off, (n, 2)."""
-    begin, length = times_s[:-1, None], np.diff(times_s)[:, None]
-    lift_off = np.array([schedule.front_lift_off_s, schedule.take_off_s])
-    share = np.clip((lift_off - begin) / length, 0.0, 1.0)
+    begin, length = times[:-1, None], np.diff(times)[:, None]
+    share = np.clip((np.array([schedule.front_lift_off_s, schedule.take_off_s]) - begin) / length, 0.0, 1.0)
     share[share * length < ROUNDING_S] = 0.0
     share[(1 - share) * length < ROUNDING_S] = 1.0
-    return share
+    return Horizon(times, share)
 
 
 STATES = 6
@@ -162,11 +156,6 @@ class PreparedQp:
         return forces
 
 
-def scale_by_share(affine: AffineModel, share: np.ndarray) -> AffineModel:
-    """The model with the effect of each pair's force scaled by its share of the step in contact, (n, 2)."""
-    return AffineModel(affine.bias, affine.by_force * per_axis(share)[:, None, :], affine.by_state)
-
-
 def prepare_qp(
     horizon: Horizon,
     later: AffineModel,
@@ -183,7 +172,9 @@ def prepare_qp(
     steps; ``force`` (n, 4) in N; ``state_weight`` the diagonal of Q, (6,) or of each step (n, 6); at least one step.
     """
     pushing = per_axis(horizon.share > 0)
-    by_state, by_force, drift = after_first_step(horizon, scale_by_share(later, horizon.share[1:]), curvature)
+    shared = later.by_force * per_axis(horizon.share[1:])[:, None, :]  # a force acts for its share of the step
+    later = AffineModel(later.bias, shared, later.by_state)
+    by_state, by_force, drift = after_first_step(horizon, later, curvature)
     by_force = by_force[:, :, pushing[1:]]
     z = np.concatenate([by_state, by_force], axis=2).reshape(len(horizon) * STATES, -1)
     weight = np.broadcast_to(state_weight, target.shape).reshape(-1, 1)
@@ -205,11 +196,8 @@ def after_first_step(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """States at the ends of the steps as by_state x₁ + by_force U + drift: (n, 6, 6), (n, 6, n − 1, 4), (n, 6)."""
     n = len(horizon)
-    by_state, by_force, drift = (
-        np.zeros((n, STATES, STATES)),
-        np.zeros((n, STATES, n - 1, FORCES)),
-        np.zeros((n, STATES)),
-    )
+    by_state, drift = np.zeros((n, STATES, STATES)), np.zeros((n, STATES))
+    by_force = np.zeros((n, STATES, n - 1, FORCES))
     by_state[0] = np.eye(STATES)
     for j, step_s in enumerate(horizon.step_s[1:]):  # from the end of step j to that of step j + 1
         enters = np.concatenate([curvature * step_s**2 * np.eye(3), step_s * np.eye(3)])  # of an acceleration, (6, 3)

@@ -151,7 +151,10 @@ class ShiftTracker(JumpController):
         shift = before + share * (self.shifts[update] - before)
         self._shift = shift if self._transition is None else self._transition.move(shift, time_s)
         if time_s <= self.reference.schedule.take_off_s:
-            self._measure(time_s, estimate, frame)
+            row = self.reference.row(time_s)
+            state = frame.state(estimate) - self.plan.at("state", row, self._shift)
+            foot = frame.foot(estimate, self.legs) - self.plan.at("foot", row, self._shift)
+            self.recorder.measure(np.concatenate([state, foot]))
         if update >= self._updates:
             self._updates = update + 1
             self._update(update, before)
@@ -204,13 +207,6 @@ class ShiftTracker(JumpController):
         """Number of ticks that a deviation is averaged over."""
         return self.recorder.kept_rows
 
-    def _measure(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> None:
-        """Take in the deviation of trunk and feet from the shifted plan."""
-        row = self.reference.row(time_s)
-        state = frame.state(estimate) - self.plan.at("state", row, self._shift)
-        foot = frame.foot(estimate, self.legs) - self.plan.at("foot", row, self._shift)
-        self.recorder.measure(np.concatenate([state, foot]))
-
     def _update(self, update: int, before: np.ndarray) -> None:
         """Choose the shift from this update on: the one before, until something sudden has happened."""
         deviation = self.recorder.keep(update)
@@ -222,17 +218,13 @@ class ShiftTracker(JumpController):
         if not np.isfinite(deviation).all():
             self.count_fallback(NOT_FINITE)
         elif since is not None and update < self.grid.free_updates:
-            self._shift_goal(update, before, since)
-
-    def _shift_goal(self, update: int, before: np.ndarray, since: np.ndarray) -> None:
-        """Take the first shift of the QP, by what a sudden change has added to the deviation, (20,)."""
-        result = guarded_solve(
-            lambda: self._problem(update, before, since), self.solver, SolutionRequirements(), self.clock
-        )
-        if result.fault is None and result.solution is not None:
-            self.shifts[update:] += result.solution.x[:GOAL_AXES]
-        else:
-            self.count_fallback(result.fault or NOT_FINITE)
+            result = guarded_solve(
+                lambda: self._problem(update, before, since), self.solver, SolutionRequirements(), self.clock
+            )
+            if result.fault is None and result.solution is not None:
+                self.shifts[update:] += result.solution.x[:GOAL_AXES]
+            else:
+                self.count_fallback(result.fault or NOT_FINITE)
 
     def _problem(self, update: int, before: np.ndarray, since: np.ndarray) -> Qp:
         assert self.model is not None and self.planner is not None and self.watch is not None

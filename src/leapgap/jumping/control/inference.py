@@ -10,7 +10,7 @@ where a part is a perceptron (an ensemble of one hidden layer is one wide one) o
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -115,19 +115,17 @@ class ExportedModel(PredictionModel):
 
 def load(folder: Path, name: str, needed: Purpose) -> ExportedModel:
     """Read ``<name>.json`` and ``<name>.npz``; a model for another grid, schedule or robot is an ``InputError``."""
-    model = read_model(folder, name, FORMAT_VERSION, partial(exported_model, name))
+
+    def build(about: Mapping[str, Any], arrays: dict[str, np.ndarray]) -> ExportedModel:
+        contact, flight = (read_phase(arrays_below(arrays, phase), about["parts"][phase]) for phase in PHASES)
+        purpose, deviation = Purpose.from_json(about), arrays.get("deviation")
+        if deviation is not None and (deviation.ndim != 3 or deviation.shape[1:] != (purpose.grid.steps, STATES)):
+            raise ValueError(f"deviation of shape {deviation.shape}, not (starts, {purpose.grid.steps}, {STATES})")
+        return ExportedModel(name, purpose, contact, flight, float(about["curvature"]), deviation)
+
+    model = read_model(folder, name, FORMAT_VERSION, build)
     model.purpose.require(needed, folder / f"{name}.json")
     return model
-
-
-def exported_model(name: str, about: Mapping[str, Any], arrays: dict[str, np.ndarray]) -> ExportedModel:
-    """A model from the content of its files."""
-    contact, flight = (read_phase(arrays_below(arrays, phase), about["parts"][phase]) for phase in PHASES)
-    purpose, curvature = Purpose.from_json(about), float(about["curvature"])
-    deviation = arrays.get("deviation")
-    if deviation is not None and (deviation.ndim != 3 or deviation.shape[1:] != (purpose.grid.steps, STATES)):
-        raise ValueError(f"deviation of shape {deviation.shape}, not (starts, {purpose.grid.steps}, {STATES})")
-    return ExportedModel(name, purpose, contact, flight, curvature, deviation)
 
 
 def read_phase(arrays: Mapping[str, np.ndarray], kinds: list[str]) -> Phase:

@@ -195,13 +195,8 @@ class JumpSequence(Controller):
     @property
     def fallbacks(self) -> Counter[str]:
         """Count of fallback commands by reason, of all jumps and landings so far."""
-        of_jumps = sum((jump.fallbacks for jump in self.jumps), Counter[str]())
-        return (
-            of_jumps
-            + self._own_fallbacks
-            + self._fallbacks_before
-            + (self.landing.fallbacks if self.landing else Counter())
-        )
+        of_landings = self._fallbacks_before + (self.landing.fallbacks if self.landing else Counter())
+        return sum((jump.fallbacks for jump in self.jumps), Counter[str]()) + self._own_fallbacks + of_landings
 
     def command(self, estimate: StateEstimate) -> Command:
         """See ``Controller``: the command of the present phase, a safe one where a tick has no usable time."""
@@ -209,23 +204,16 @@ class JumpSequence(Controller):
         if judged is None:
             self._own_fallbacks[TIME_NOT_USABLE] += 1
             return self.border.safe_command()
-        return self.border.sent(self._of_phase(judged))
-
-    def _of_phase(self, estimate: StateEstimate) -> Command:
-        """The command of the present phase for a judged estimate."""
-        self._notice_touch(estimate)
-        self._switch(estimate)
-        if self.phase == "jump":
-            return self.jumps[self.number].command(estimate)
-        if self.phase == "landing" and self.landing is not None:
-            return self.landing.command(estimate)
-        return self._settle(estimate)
-
-    def _notice_touch(self, estimate: StateEstimate) -> None:
-        if not all(estimate.foot_contact[feet].any() for feet in self._feet):
+        if not all(judged.foot_contact[feet].any() for feet in self._feet):
             self._both_since_s = np.inf
         elif self._both_since_s == np.inf:
-            self._both_since_s = estimate.time_s
+            self._both_since_s = judged.time_s
+        self._switch(judged)
+        if self.phase == "jump":
+            return self.border.sent(self.jumps[self.number].command(judged))
+        if self.phase == "landing" and self.landing is not None:
+            return self.border.sent(self.landing.command(judged))
+        return self.border.sent(self._settle(judged))
 
     def _switch(self, estimate: StateEstimate) -> None:
         """Enter the next phase when the present one is over."""
@@ -237,7 +225,11 @@ class JumpSequence(Controller):
             lasted, schedule = now - jump.start_s + ROUNDING_S, jump.reference.schedule
             may_touch = lasted >= schedule.take_off_s + config.earliest_touch_s
             if may_touch and now - self._both_since_s + ROUNDING_S >= config.confirm_s:
-                self._land(now)
+                if self.landing is not None:
+                    self._fallbacks_before += self.landing.fallbacks
+                self.landing = LandingMpc(self.robot, self._next_pose(), config.landing, self.body)
+                self.landings_s.append(now)
+                self.phase, self._phase_since_s = "landing", now
             elif lasted >= schedule.landing_s + config.latest_touch_s:
                 self._enter("settling", estimate)
         elif self.phase == "landing" and lasted >= config.landing.duration_s:
@@ -245,13 +237,6 @@ class JumpSequence(Controller):
         elif self.phase == "settling" and lasted >= config.settle_s and self.number + 1 < len(self.jumps):
             self.number += 1
             self._enter("jump", estimate)
-
-    def _land(self, now_s: float) -> None:
-        if self.landing is not None:
-            self._fallbacks_before += self.landing.fallbacks
-        self.landing = LandingMpc(self.robot, self._next_pose(), self.config.landing, self.body)
-        self.landings_s.append(now_s)
-        self.phase, self._phase_since_s = "landing", now_s
 
     def _enter(self, phase: Phase, estimate: StateEstimate) -> None:
         self.phase, self._phase_since_s = phase, estimate.time_s

@@ -38,16 +38,10 @@ class StartFrame:
     def state(self, estimate: StateEstimate) -> np.ndarray:
         """Measured x z pitch and their rates in this frame, as in ``Reference``, (6,)."""
         x, y, z = estimate.base_position
-        return np.array(
-            [
-                (x - self.x_m) * self.forward[0] + (y - self.y_m) * self.forward[1],
-                z - self.level_m,
-                pitch_of(estimate.base_quaternion),
-                estimate.base_velocity @ self.forward,
-                estimate.base_velocity[2],
-                estimate.base_angular_velocity[1],
-            ]
-        )
+        ahead = (x - self.x_m) * self.forward[0] + (y - self.y_m) * self.forward[1]
+        velocity, pitch_rate = estimate.base_velocity, estimate.base_angular_velocity[1]
+        pitch = pitch_of(estimate.base_quaternion)
+        return np.array([ahead, z - self.level_m, pitch, velocity @ self.forward, velocity[2], pitch_rate])
 
     def foot(self, estimate: StateEstimate, legs: "LegKinematics") -> np.ndarray:
         """Foot − base, mean of each pair, front x z, rear x z, m, as in ``Reference``, (4,)."""
@@ -150,7 +144,8 @@ class LegChains:
                 if len(joints) > 1 or any(model.jnt_type[joint] != hinge for joint in joints):
                     found = f"{len(joints)} joints at {model.body(body).name}"
                     raise InputError(robot.path, found, "at most one hinge at each link of a leg", "split the link")
-                place, turn = model.body_pos[body], rotation_matrix(model.body_quat[body])
+                place, turn = model.body_pos[body], np.zeros(9)
+                mujoco.mju_quat2Mat(turn, model.body_quat[body])
                 if not len(joints):
                     links.append((place, turn, -1, np.zeros(3), np.zeros(3), 0.0))
                     continue
@@ -165,22 +160,10 @@ class LegChains:
         position, rotation, joint_of, axis, anchor, zeros = zip(*links, strict=True)
         return LegChains(
             np.array(begins, np.int32),
-            np.array(position),
-            np.array(rotation),
-            np.array(joint_of, np.int32),
-            np.array(axis),
-            np.array(anchor),
-            np.array(zeros),
-            model.geom_pos[robot.foot_geoms].copy(),
-            share,
+            *(np.array(position), np.array(rotation), np.array(joint_of, np.int32)),
+            *(np.array(axis), np.array(anchor), np.array(zeros)),
+            *(model.geom_pos[robot.foot_geoms].copy(), share),
         )
-
-
-def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
-    """Matrix of a quaternion w x y z, row by row, (9,)."""
-    matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix
 
 
 class CompiledLegs(LegKinematics):

@@ -140,6 +140,9 @@ class JointTargets:
         return JointTargets(position, velocity, kp, kd)
 
 
+ORIGIN_FRAME = StartFrame(0.0, 0.0, 0.0)
+
+
 class JumpController(Controller):
     """Follows one reference from its first command on; after the reference's end, holds its last pose.
 
@@ -169,34 +172,23 @@ class JumpController(Controller):
         if judged is None:
             self.count_fallback(TIME_NOT_USABLE)
             return self.border.safe_command()
-        return self.border.sent(self._tracking(judged))
+        if self.start_s is None:
+            self.start_s = judged.time_s
+        place, turned = judged.base_position, judged.base_quaternion
+        if self.frame is None and math.isfinite(place @ place + turned @ turned):  # of limited size, by the border
+            level = float(place[2] - self.reference.state[0, Z]) if self.level_m is None else self.level_m
+            self.frame = StartFrame.of(judged, level)
+        time_s = self._jump_time_s = judged.time_s - self.start_s
+        torque, force = self.feed_forward(time_s, judged, self.frame or ORIGIN_FRAME)
+        torque, force = self.border.within_limits(torque, force)
+        position, velocity = self.set_points(time_s)
+        row, targets = self.reference.row(time_s), self.targets
+        return self.border.sent(Command(torque, position, velocity, targets.kp[row], targets.kd[row], force))
 
     def count_fallback(self, reason: str) -> None:
         """Count a fallback command at the present time."""
         self.fallbacks[reason] += 1
         self.substituted.append((self._jump_time_s, reason))
-
-    def _tracking(self, estimate: StateEstimate) -> Command:
-        """The command for a judged estimate."""
-        if self.start_s is None:
-            self.start_s = estimate.time_s
-        place, turned = estimate.base_position, estimate.base_quaternion
-        if self.frame is None and math.isfinite(place @ place + turned @ turned):  # of limited size, by the border
-            self.frame = self._start_frame(estimate)
-        time_s = estimate.time_s - self.start_s
-        self._jump_time_s = time_s
-        torque, force = self.feed_forward(time_s, estimate, self.frame or StartFrame(0.0, 0.0, 0.0))
-        torque, force = self.border.within_limits(torque, force)
-        position, velocity = self.set_points(time_s)
-        row, targets = self.reference.row(time_s), self.targets
-        return Command(
-            torque=torque,
-            position=position,
-            velocity=velocity,
-            kp=targets.kp[row],
-            kd=targets.kd[row],
-            planned_force=force,
-        )
 
     @abstractmethod
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
@@ -210,10 +202,6 @@ class JumpController(Controller):
         row, moving = self.reference.row(time_s), time_s <= self.reference.schedule.landing_s
         velocity = self.targets.velocity[row]
         return self.targets.position[row], velocity if moving else 0.0 * velocity
-
-    def _start_frame(self, estimate: StateEstimate) -> StartFrame:
-        level = float(estimate.base_position[2] - self.reference.state[0, Z]) if self.level_m is None else self.level_m
-        return StartFrame.of(estimate, level)
 
     def planned(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
         """The planned torques (joints,), N·m, and pair forces (4,), N, up to the planned landing."""
@@ -279,6 +267,3 @@ class ExcitedController(JumpController):
             return self.zero_feed_forward()
         force = self.force[max(0, int(time_s / self.excitation.hold_s + 1e-6))] * per_axis(contact)
         return self.legs.torque(estimate.base_quaternion, estimate.joint_pos, frame.in_world(force)), force
-
-
-ORIGIN_FRAME = StartFrame(0.0, 0.0, 0.0)

@@ -7,7 +7,6 @@ import numpy as np
 
 from leapgap.jumping.control.condensed_qp import ROUNDING_S
 from leapgap.jumping.control.goal_shift_jump import ground_pitch
-from leapgap.jumping.control.jump_sequence import stand
 from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
 from leapgap.jumping.control.shifted_plan import GOAL_AXES, Observation, ObservedJointPd
 from leapgap.jumping.control.tracking import JumpController, PhaseGains, Reference
@@ -89,7 +88,11 @@ class LandingModel:
         self.sample_weights = np.ones(len(samples))  # Weight of each jump in the fit, 0 to 1, (n,)
         self._fit()
         for _ in range(REWEIGHTINGS):
-            self.sample_weights = self._weights_from_residuals()
+            # A jump's weight is by its error when the process predicts it from all other jumps.
+            heldout = self.dual / np.diag(self.inverse)[:, None] / np.array(config.matters)
+            off = np.linalg.norm(heldout, axis=1)
+            usual = max(float(np.median(off)), 1.0) if len(off) else 1.0  # errors below ``matters`` are no outliers
+            self.sample_weights = np.clip((config.astray * usual / np.maximum(off, 1e-9)) ** 2, LEAST_WEIGHT, 1.0)
             self._fit()
 
     def _fit(self) -> None:
@@ -106,13 +109,6 @@ class LandingModel:
         self.dual = self.inverse @ residual
         self.scatter = np.sqrt((residual * self.dual).sum(axis=0) / max(len(samples), 1))
         """Standard deviation of the process, by maximum likelihood, (3,), m, m, rad."""
-
-    def _weights_from_residuals(self) -> np.ndarray:
-        """Weight of each jump by its error when the process predicts it from all other jumps, (n,)."""
-        heldout = self.dual / np.diag(self.inverse)[:, None] / np.array(self.config.matters)
-        off = np.linalg.norm(heldout, axis=1)
-        usual = max(float(np.median(off)), 1.0) if len(off) else 1.0  # errors below ``matters`` are no outliers
-        return np.clip((self.config.astray * usual / np.maximum(off, 1e-9)) ** 2, LEAST_WEIGHT, 1.0)
 
     def landing(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
         """Predicted landing pose, (3,), of a jump to ``goal`` (3,) from a stance of this pitch, rad; as ``GOAL``."""
@@ -220,22 +216,14 @@ class JumpPlanner:
             return goal, direct
         to_target = self.plan(target, target_pose(target), stance_pitch)
         if to_target is None:
-            return self._plan_for_fallback_robots(target, goal, stance_pitch)
+            others = (self.plan(target, goal, stance_pitch, robot) for robot in self.fallback_robots)
+            return next(((goal, solution) for solution in others if solution is not None), None)
         for share in NEARER_GOALS:
             to = target_pose(target) * (1 - share) + goal * share
             solution = self.plan(target, to, stance_pitch)
             if solution is not None:
                 return to, solution
         return target_pose(target), to_target
-
-    def _plan_for_fallback_robots(
-        self, target: Target, goal: np.ndarray, stance_pitch: float
-    ) -> tuple[np.ndarray, Solution] | None:
-        for robot in self.fallback_robots:
-            solution = self.plan(target, goal, stance_pitch, robot)
-            if solution is not None:
-                return goal, solution
-        return None
 
 
 @dataclass(frozen=True)
@@ -255,13 +243,12 @@ class Stand:
         stood_s = estimates[-1].time_s - estimates[0].time_s
         if stood_s < self.measured_s - ROUNDING_S:
             return False
-        return stood_s >= self.longest_s - ROUNDING_S or self._is_still(latest(estimates, self.measured_s))
-
-    def _is_still(self, estimates: Sequence[StateEstimate]) -> bool:
-        """Whether the base is slow in each third of some estimates: where it turns back, it is so for a moment."""
+        # Slow in each third of the time: where a base turns back, it is so for a moment.
         largest = np.repeat([self.still_m_s, self.still_rad_s], 3)
-        rates = np.array([(*one.base_velocity, *one.base_angular_velocity) for one in estimates])
-        return all((np.abs(third.mean(axis=0)) <= largest).all() for third in np.array_split(rates, 3))
+        newest = latest(estimates, self.measured_s)
+        thirds = np.array_split(np.array([(*one.base_velocity, *one.base_angular_velocity) for one in newest]), 3)
+        is_still = all((np.abs(third.mean(axis=0)) <= largest).all() for third in thirds)
+        return is_still or stood_s >= self.longest_s - ROUNDING_S
 
 
 @dataclass(frozen=True)
@@ -299,7 +286,10 @@ class GoalDirectedJump(JumpController):
         stand = self.choice.stand
         self._stood.append(estimate)
         if len(self._stood) == 1 or not stand.is_over(self._stood):
-            return self._standing(estimate)
+            still = np.zeros(len(self.robot.joints))
+            gains, plan = self.gains.stance, self.reference
+            kp, kd = still + gains.kp_nm_per_rad, still + gains.kd_nms_per_rad
+            return Command(plan.torque[0], self.targets.position[0], still, kp, kd, plan.force[0])
         stance = latest(self._stood[:-1], stand.measured_s)  # the jump begins with this estimate
         self.tracker = self.plan_from(stance_pitch(stance, self.legs) if self.choice.stance_is_seen else 0.0)
         self.start_s = estimate.time_s
@@ -339,14 +329,6 @@ class GoalDirectedJump(JumpController):
     def _substitute(self, reason: str) -> None:
         self.fallbacks[reason] += 1
         self.substituted.append((0.0, reason))
-
-    def _standing(self, estimate: StateEstimate) -> Command:
-        """The first pose of the reference, and the torques that hold the robot in it."""
-        pose = self.targets.position[0]
-        command = stand(self.robot, self.legs, estimate, StartFrame.of(estimate), np.zeros(4), pose, self.gains.stance)
-        return Command(
-            self.reference.torque[0], pose, command.velocity, command.kp, command.kd, self.reference.force[0]
-        )
 
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
         """Torques (joints,), N·m, and pair forces (4,), N, of the planned jump."""

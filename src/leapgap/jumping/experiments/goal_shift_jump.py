@@ -17,10 +17,13 @@ from leapgap.jumping.experiments.goal_directed_jump import (
     GoalDirectedJump,
     JumpPlanner,
     LandingModel,
+    best_goal,
     target_pose,
 )
+from leapgap.jumping.experiments.method import JumpTask, Method
 from leapgap.jumping.planning.reference import Gains, to_jump
 from leapgap.jumping.planning.solve import Solution, landing_goal
+from leapgap.jumping.task import Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate
 
@@ -31,19 +34,15 @@ class ArrayRecord:
 
     def to_json(self) -> dict[str, Any]:
         """The arrays as lists; what is not finite becomes null."""
-        return {one.name: null_where_not_finite(getattr(self, one.name)) for one in fields(self)}
+        values = {one.name: getattr(self, one.name).astype(object) for one in fields(self)}
+        for of in values.values():
+            of[~np.isfinite(of.astype(float))] = None
+        return {name: of.tolist() for name, of in values.items()}
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Self:
         """The inverse of ``to_json``: numbers in JSON keep all their digits, and null becomes NaN."""
         return cls(**{name: np.array(values, dtype=float) for name, values in raw.items()})
-
-
-def null_where_not_finite(values: np.ndarray) -> Any:
-    """Nested lists of the values, with None for those that are not finite."""
-    found = values.astype(object)
-    found[~np.isfinite(values)] = None
-    return found.tolist()
 
 
 SCALE = np.array([0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4])
@@ -310,7 +309,13 @@ class GoalShiftJump(GoalDirectedJump):
             if slopes is None:
                 self._substitute(NO_OTHER_STANCE)
             else:
-                plan, late = plan.with_stance(slopes), self._late_stance()
+                pitches = self.stance_pitch + np.linspace(-LARGEST_TILT_RAD, LARGEST_TILT_RAD, STANCES)
+                goals = np.array([self.choice.aim(self.choice.target, pitch) for pitch in pitches])
+                plan, late = plan.with_stance(slopes), LateStance(pitches, goals)
+        # The goal was chosen with all that was known before the jump. Where no goal is expected to land on the target,
+        # shifts must not try it either: their effect is known less there.
+        goal = self.goal
+        desired = target_pose(self.choice.target) if feedback is None else feedback.expect(goal, self.stance_pitch)
         self.shift_tracker = ShiftTracker(
             plan,
             self.robot,
@@ -318,7 +323,7 @@ class GoalShiftJump(GoalDirectedJump):
             settings.config,
             self.goal,
             self.stance_pitch,
-            self._desired(),
+            desired,
             None if feedback is None else feedback.planned_to(self.goal),
             settings.exploration,
             late=late,
@@ -332,23 +337,6 @@ class GoalShiftJump(GoalDirectedJump):
         if self.shift_tracker is not None:
             self.goal, self.stance_pitch = self.shift_tracker.goal, self.shift_tracker.stance_pitch
         return command
-
-    def _late_stance(self) -> LateStance:
-        """Goals for all stances that may be measured in the jump."""
-        pitches = self.stance_pitch + np.linspace(-LARGEST_TILT_RAD, LARGEST_TILT_RAD, STANCES)
-        return LateStance(pitches, np.array([self.choice.aim(self.choice.target, pitch) for pitch in pitches]))
-
-    def _desired(self) -> np.ndarray:
-        """Landing (3,) that shifts of the goal aim at.
-
-        The goal was chosen with all that was known before the jump. Where no goal is expected to land on the target,
-        a shift must not try it either: its effect is known less there.
-        """
-        feedback = self.settings.feedback
-        assert self.goal is not None
-        if feedback is None:
-            return target_pose(self.choice.target)
-        return feedback.expect(self.goal, self.stance_pitch)
 
     @property
     def shifts(self) -> np.ndarray:
@@ -388,3 +376,27 @@ def stance_slopes(
         if tilted is not None:
             return differences(reference, Reference.of(to_jump(tilted, Gains()), robot), step)
     return None
+
+
+@dataclass(frozen=True)
+class GoalShiftMethod(Method):
+    """Goal-shift MPC along plans from the measured stance to the goal that the model says will land on the target."""
+
+    planner: JumpPlanner | None = None
+    feedback: LandingFeedback | None = None
+    config: GoalShiftConfig = field(default_factory=GoalShiftConfig)
+    goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Added to each goal for exploration, (3,), m, m, rad."""
+    exploration: np.ndarray | None = None  # Added to the shifts, (updates, 3), m, m, rad
+
+    def controller(self, task: JumpTask, reference: Reference) -> JumpController:
+        """A jump that is planned after the stance was measured, and shifted on the way."""
+        assert self.planner is not None
+        landing = None if self.feedback is None else self.feedback.landing
+
+        def aim(target: Target, stance_pitch: float) -> np.ndarray:
+            return best_goal(landing, target, stance_pitch) + self.goal_offset
+
+        settings = ShiftSettings(self.config, self.feedback, self.exploration)
+        choice = GoalChoice(task.target, self.planner, aim, task.stance_is_seen)
+        return GoalShiftJump(choice, reference, self.robot, self.gains, settings)

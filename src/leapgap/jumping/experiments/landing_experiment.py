@@ -13,8 +13,8 @@ import numpy as np
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError, did_you_mean
 from leapgap.jumping.experiments import methods
-from leapgap.jumping.experiments.method import JumpTask, Method, References, crouch
-from leapgap.jumping.experiments.methods.practised_mpc import Practised, PractisedMpcSettings
+from leapgap.jumping.experiments.method import JumpTask, References, crouch
+from leapgap.jumping.experiments.methods.practised_mpc import PractisedMpcSettings
 from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig, TrialRunner
 from leapgap.jumping.experiments.settings import LandSettings
 from leapgap.jumping.experiments.trial import TrialResult, TrialSetup, TrialSpec
@@ -192,12 +192,11 @@ def known() -> dict[str, type[MethodSettings]]:
 
 def available(configured: Mapping[str, MethodSettings]) -> dict[str, MethodSettings]:
     """Methods by the names they can be asked for: those configured, and every class that needs no configuration."""
-    return {name: kind() for name, kind in known().items() if has_only_defaults(kind)} | dict(configured)
-
-
-def has_only_defaults(kind: type[MethodSettings]) -> bool:
-    """Whether all settings of a class have defaults."""
-    return all(field.default is not MISSING or field.default_factory is not MISSING for field in fields(kind))
+    found = dict[str, MethodSettings]()
+    for name, kind in known().items():
+        if not any(one.default is MISSING and one.default_factory is MISSING for one in fields(kind)):
+            found[name] = kind()
+    return found | dict(configured)
 
 
 RUNS, FIGURES, TABLE, PAGE = "runs", "landing.json", "landings.csv", "report.html"
@@ -303,9 +302,12 @@ class LandingExperiment:
         method = rig.method(name)
         if method is None:
             return []
-        trials = [trial for _, trial in all_trials(rig.bench, {name: method}, self.tasks, self.repeats)]
-        results = rig.bench.runner.results(trials, last=True)
-        return [scored_run(hardware, name, trial, result) for trial, result in zip(trials, results, strict=True)]
+        runs = [(task, number) for task in self.tasks for number in range(self.repeats[task.name])]
+        trials = [rig.bench.trial(name, method, task, number, with_log=number == 0) for task, number in runs]
+        return [
+            ScoredRun(hardware.variant, hardware.place, name, task.name, number, task.jumps, result)
+            for (task, number), result in zip(runs, rig.bench.runner.results(trials, last=True), strict=True)
+        ]
 
 
 def hardware_of(variants: Mapping[str, Mapping[str, Any]], name: str) -> Hardware:
@@ -314,29 +316,6 @@ def hardware_of(variants: Mapping[str, Mapping[str, Any]], name: str) -> Hardwar
     if variant not in variants or not (number or "0").isdigit():
         raise InputError("land.hardware", name, f"one of {', '.join(variants)}", "choose a known variant")
     return Hardware(name.replace(":", "_"), variant, Variant(**variants[variant]).draw(int(number or 0)))
-
-
-def all_trials(
-    bench: Bench, methods: Mapping[str, Method], tasks: Sequence[JumpTask], repeats: Mapping[str, int]
-) -> list[tuple[str, TrialSpec]]:
-    """Trials of every method at every task with the name of the method; the first run of each keeps its log."""
-    return [
-        (name, bench.trial(name, method, task, number, with_log=number == 0))
-        for name, method in methods.items()
-        for task in tasks
-        for number in range(repeats[task.name])
-    ]
-
-
-def scored_run(hardware: Hardware, method: str, trial: TrialSpec, result: TrialResult) -> ScoredRun:
-    """The result of a trial with the names that its figures are grouped by."""
-    task = trial.task
-    return ScoredRun(hardware.variant, hardware.place, method, task.name, trial_number(trial), task.jumps, result)
-
-
-def trial_number(trial: TrialSpec) -> int:
-    """Number of a trial among the runs of its task, from 0."""
-    return int(trial.place.rpartition("_")[2])
 
 
 def remove_figures(out: Path) -> None:
@@ -392,19 +371,16 @@ def run_practice(experiment: LandingExperiment, executor: Executor, out: Path) -
                 path.parent.mkdir(parents=True, exist_ok=True)
                 with whole_file(path) as beside:
                     write_npz(beside, found.model.arrays())
-                for figure, values in practice_figures(found).items():
+                rounds = [asdict(one) for one in found.rounds]
+                kept: dict[str, Any] = {
+                    one: [round_value(of[one]) for of in rounds] for one in ("landed_cm", "predicted_cm", "pitch_deg")
+                }
+                kept["jumps"] = sum(one.jumps for one in found.rounds if not one.simulated)
+                kept["rounds_kept"] = found.kept
+                for figure, values in kept.items():
                     figures.setdefault(figure, {})[f"{hardware.place}/{name}"] = values
     cache.sweep()
     return figures
-
-
-def practice_figures(found: Practised) -> dict[str, Any]:
-    """Figures by round, and what was kept."""
-    rounds = [asdict(one) for one in found.rounds]
-    counted = ("jumps", "simulated")
-    by_round = {name: [round_value(one[name]) for one in rounds] for name in rounds[0] if name not in counted}
-    jumps = sum(one.jumps for one in found.rounds if not one.simulated)
-    return by_round | {"jumps": jumps, "rounds_kept": found.kept}
 
 
 def print_trial(trial: TrialSpec, result: TrialResult) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from leapgap.effects import effect
 from leapgap.effects.base import Effect
 from leapgap.jumping.control.mpc import JumpMpc, MpcConfig
+from leapgap.jumping.control.shifted_plan import Observation
 from leapgap.jumping.control.tracking import (
     Excitation,
     ExcitedController,
@@ -18,7 +19,14 @@ from leapgap.jumping.control.tracking import (
     PhaseGains,
     Reference,
 )
-from leapgap.jumping.experiments.goal_directed_jump import LandingSamples
+from leapgap.jumping.experiments.goal_directed_jump import (
+    GoalChoice,
+    GoalDirectedJump,
+    JumpPlanner,
+    LandingModel,
+    LandingSamples,
+    best_goal,
+)
 from leapgap.jumping.models.affine_model import PredictionModel
 from leapgap.jumping.models.rigid_body import DeviationModel
 from leapgap.jumping.task import Target
@@ -209,3 +217,27 @@ class MpcMethod(Method):
         if self.excitation is None:
             return controller
         return ExcitedController(controller, self.excitation, np.random.default_rng(self.seed))
+
+
+@dataclass(frozen=True)
+class AimingMethod(Method):
+    """Plans from the measured stance to the goal that a landing model says will land on the target."""
+
+    planner: JumpPlanner | None = None
+    landing: LandingModel | None = None
+    offset: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """By name of the task: mean landing − predicted landing of its jumps, (3,), m, m, rad."""
+    goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Added to each goal for exploration, (3,), m, m, rad."""
+    observation: Observation = field(default_factory=Observation)  # When deviations from the plan are kept
+
+    def controller(self, task: JumpTask, reference: Reference) -> JumpController:
+        """A jump that is planned after the stance was measured."""
+        assert self.planner is not None
+        offset = self.offset.get(task.name)
+
+        def aim(target: Target, stance_pitch: float) -> np.ndarray:
+            return best_goal(self.landing, target, stance_pitch, offset) + self.goal_offset
+
+        choice = GoalChoice(task.target, self.planner, aim, task.stance_is_seen, observation=self.observation)
+        return GoalDirectedJump(choice, reference, self.robot, self.gains)

@@ -178,7 +178,7 @@ class ShiftSimulator:
         """G of each update at one goal, and half of how much it differs to both sides, (updates, 3, 3) each."""
         held = np.zeros((2, self.grid.updates + 1, GOAL_AXES, GOAL_AXES))
         """Effects of shifts that are held from each update on, to both sides."""
-        unshifted = self._simulate(jump, replayer)
+        (unshifted,) = replayer.true_motions([self._rollout(jump)])
         landing = self._landing(unshifted)
         rows_each = round(self.grid.period_s / jump.plan.reference.period_s)
         for update in range(self.grid.updates):
@@ -213,10 +213,6 @@ class ShiftSimulator:
         unshifted = np.zeros((self.grid.updates, GOAL_AXES))
         drawn = rng.uniform(*config.share) * config.shifts.draw(self.grid.updates, self.grid.period_s, rng)
         return [SimulatedJump(start, plan, shift) for shift in (unshifted, drawn)]
-
-    def _simulate(self, jump: SimulatedJump, replayer: Replayer) -> Motion:
-        """The true motion up to the scheduled landing."""
-        return replayer.true_motions([self._rollout(jump)])[0]
 
     def _kicked(self, calm: Motion, kicks: Sequence[Kick], trial: Rollout, replayer: Replayer) -> Motion:
         """The true motion of a trial with some kicks, one after the other."""

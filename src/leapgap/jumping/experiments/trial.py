@@ -52,7 +52,9 @@ def run_metrics(run: ClosedLoopRun, robot: Robot, first: int) -> RunMetrics:
     schedule, period = schedule_of(run.log), run.log.info.sample_period_s
     rows = slice(first, min(len(run.log), first + round(schedule.take_off_s / period)))
     width = max(1, round(IMPULSE_S / period))
-    force = moving_average(pair_force(run, robot), width)[rows]
+    window = np.ones(width) / width
+    of_pairs = [np.convolve(column, window, mode="same") for column in pair_force(run, robot).T]
+    force = np.stack(of_pairs, axis=1)[rows]
     horizontal, vertical = force[:, FORCE_X], force[:, FORCE_Z]
     pushing = vertical > LEAST_PUSH_N
     joint_vel = run.truth.qvel[rows][:, robot.joint_dofs]
@@ -70,12 +72,6 @@ def run_metrics(run: ClosedLoopRun, robot: Robot, first: int) -> RunMetrics:
 def pair_force(run: ClosedLoopRun, robot: Robot) -> np.ndarray:
     """True ground force of each pair on the robot, front x z, rear x z, N, world axes, (rows, 4)."""
     return per_pair(robot, run.ground_force)
-
-
-def moving_average(values: np.ndarray, width: int) -> np.ndarray:
-    """Moving average over ``width`` rows, (rows, n)."""
-    window = np.ones(width) / width
-    return np.stack([np.convolve(column, window, mode="same") for column in values.T], axis=1)
 
 
 LARGEST_PITCH_RAD = np.deg2rad(15)
@@ -148,10 +144,6 @@ class TrialSetup:
     body: RigidBody | None = None
     """Rigid body that the landing controller assumes; None: the robot's own, in the pose that the plans begin in."""
 
-    def body_for(self, reference: Reference) -> RigidBody:
-        """The rigid body that the landing controller assumes in runs along this reference."""
-        return rigid_body_of(self.robot, reference.joint_pos[0]) if self.body is None else self.body
-
 
 @dataclass(frozen=True)
 class TrialOutcome:
@@ -181,9 +173,10 @@ def attempt_task(
     """Simulate a method at a task on a robot with effects; ``reference`` plans one of its jumps from level ground."""
     robot = world.robot
     planned = Reference.of(reference, robot)
-    course = replace(
-        world.course, after_landing_s=run_duration_s(task, planned, world.sequence) - planned.schedule.landing_s
-    )
+    # Each jump, with the longest stand before it and its landing, and 0.2 s more.
+    one_s = planned.schedule.landing_s + world.sequence.latest_touch_s + world.sequence.landing.duration_s
+    whole_s = task.jumps * (Stand.longest_s + (one_s + world.sequence.settle_s)) + 0.2
+    course = replace(world.course, after_landing_s=whole_s - planned.schedule.landing_s)
     terrain = (*reference.info.terrain, *task.ground(planned, rng))
     metadata = metadata_of(planned.schedule, task.target)
     level = replace(reference, info=replace(reference.info, extra=metadata, terrain=terrain))
@@ -193,12 +186,18 @@ def attempt_task(
     disturbances = task.disturbances(rng)
     replayer = Replayer(robot, terrain_slots(plans), threads=1)
     (ready,) = prepare(plans, replayer, effects, course)
-    controller = JumpSequence(list(method(task)), robot, world.sequence, world.body_for(planned))
+    body = world.body or rigid_body_of(robot, planned.joint_pos[0])
+    controller = JumpSequence(list(method(task)), robot, world.sequence, body)
     run = run_closed_loop(
         ready, controller, replayer, effects, world.sensing, rng, disturbances, lambda: controller.jumps[0].start_s
     )
     start_times = [jump.start_s for jump in controller.jumps if jump.start_s is not None]
-    run = replace(run, log=with_plan(run.log, robot, start_times))
+    log = run.log
+    if start_times and start_times != [0.0]:  # the schedule alone says what is planned of one jump from the first row
+        end_s = float(log.time[-1]) + log.info.sample_period_s
+        segments = planned_segments(schedule_of(log), start_times, end_s)
+        log = replace(log, info=replace(log.info, stated_segments=segments))
+    run = replace(run, log=with_pd_force(log, robot, start_times or (0.0,)))
     period = run.log.info.sample_period_s
     starts = tuple(round(start / period) for start in start_times)
     landings = tuple(landing(run, robot, first) for first in starts)
@@ -218,22 +217,6 @@ def attempt_task(
         tuple(controller.jumps),
         disturbances,
     )
-
-
-def with_plan(log: Log, robot: Robot, begins_s: Sequence[float]) -> Log:
-    """The log of jumps that began at some times, s, with their planned phases, and ``pd_force`` by these."""
-    if begins_s and tuple(begins_s) != (0.0,):  # the schedule alone says what is planned of one jump from the first row
-        end_s = float(log.time[-1]) + log.info.sample_period_s
-        segments = planned_segments(schedule_of(log), begins_s, end_s)
-        log = replace(log, info=replace(log.info, stated_segments=segments))
-    return with_pd_force(log, robot, begins_s or (0.0,))
-
-
-def run_duration_s(task: JumpTask, reference: Reference, sequence: SequenceConfig) -> float:
-    """Simulated time of a task's run: its jumps, each with its landing and the longest stand before it, and 0.2 s more,
-    s."""
-    one = reference.schedule.landing_s + sequence.latest_touch_s + sequence.landing.duration_s + sequence.settle_s
-    return task.jumps * (Stand.longest_s + one) + 0.2
 
 
 def total_error_cm(run: ClosedLoopRun, task: JumpTask, starts: Sequence[int]) -> float | None:

@@ -19,13 +19,11 @@ from leapgap.jumping.control.goal_shift_jump import LateStance, ShiftTracker
 from leapgap.jumping.control.goal_shift_mpc import RECENT, GoalShiftPlanner
 from leapgap.jumping.control.leg_kinematics import LegChains
 from leapgap.jumping.control.mpc import AlongPlan, DepartingMpc, JumpMpc
-from leapgap.jumping.control.shifted_plan import Efforts
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.goal_directed_jump import LandingModel
 from leapgap.jumping.experiments.goal_shift_jump import LandingFeedback
 from leapgap.jumping.models.rigid_body import CURVATURE, NominalDeviation
 from leapgap.logs.pair_force import FORCES
-from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
 
 IN_PLAN = {"POSITION": "joint_pos", "VELOCITY": "joint_vel", "TORQUE": "torque", "FORCE": "force", "STATE": "state"}
@@ -100,20 +98,33 @@ def tables_of(tracker: ShiftTracker) -> ControllerTables:
     if not isinstance(model, LandingFeedback) or planner is None or tracker.exploration.any():
         found = "a controller that explores or has no learned model"
         raise InputError("export", found, "a controller that was learned", "let the robot practise")
-    parts = [
-        plan_tables(tracker),
-        stance_tables(tracker),
-        model_tables(model),
-        program_tables(planner),
-    ]
-    arrays = {name: values for part in parts for name, values in part.items()}
-    arrays |= {
+    config, late, plan, reference = tracker.config, tracker.late, tracker.plan, tracker.plan.reference
+    values = np.concatenate([getattr(reference, quantity) for quantity in IN_PLAN.values()], axis=1)
+    slopes = np.concatenate([plan.slopes[quantity] for quantity in IN_PLAN.values()], axis=2)
+    arrays = {
+        "plan": np.concatenate([values[:, None], slopes.transpose(1, 0, 2)], axis=1),
+        **gain_tables(tracker),
+        "stance_pitch": np.array([float(tracker.stance_pitch)]) if late is None else late.pitches,
+        "stance_goal": np.array([tracker.goal], float) if late is None else late.goals,
+        **landing_tables(model.landing),
+        "authority": model.shifts.mean,
+        "authority_x": model.shifts.x_m,
+        "carry": model.calm.carry,
+        "precision": model.calm.precision,
+        "by_change": model.by_change,
+        **program_tables(planner),
         "planned_goal": np.asarray(tracker.goal, float),
         "target": np.asarray(planner.target, float),
     }
-    config, late = tracker.config, tracker.late
     numbers: dict[str, int | float] = {
-        **sizes(arrays, planner),
+        "AXES": plan.axes,
+        "UPDATES": planner.grid.updates,
+        "VARIABLES": arrays["hessian"].shape[1],
+        "KNOTS": len(arrays["authority_x"]),
+        "PITCHES": len(arrays["stance_pitch"]),
+        "EFFORTS": len(arrays["effort_step"]),
+        "LARGEST_EFFORTS": int(np.diff(arrays["efforts_of_update"]).max()),
+        "SAMPLES": len(arrays["landing_sample"]),
         **starts(tracker),
         "KEPT": tracker.kept_rows,
         "UPDATE_S": config.period_s,
@@ -142,7 +153,12 @@ def with_body(
     """The tables of a controller with those of its robot, its border and its schedule."""
     of_border = {"position": "base_position", "velocity": "base_velocity", "angular_velocity": "base_angular_velocity"}
     of_border |= {"joint_pos": "joint_pos"}
-    own = leg_tables(tracker.robot) | {
+    pair_of_joint = np.full(len(tracker.robot.joints), -1, np.int32)
+    for pair, name in enumerate(PAIRS):
+        pair_of_joint[tracker.robot.joints_at(name)] = pair
+    own = {
+        **LegChains.of(tracker.robot).tables,
+        "pair_of_joint": pair_of_joint,
         "torque_limit": tracker.border.limit_nm,
         "quaternion_norms": np.array(QUATERNION_NORMS),
         **{f"largest_{name}": np.array(LARGEST[key]) for name, key in of_border.items()},
@@ -173,54 +189,11 @@ def starts(tracker: JumpController) -> dict[str, int]:
     return {f"OF_{name}": int(at) for name, at in zip(IN_PLAN, np.cumsum([0, *widths[:-1]]), strict=True)}
 
 
-def sizes(arrays: Mapping[str, np.ndarray], planner: GoalShiftPlanner) -> dict[str, int | float]:
-    """Lengths of the tables, by the names of their macros in C."""
-    return {
-        "AXES": planner.plan.axes,
-        "UPDATES": planner.grid.updates,
-        "VARIABLES": arrays["hessian"].shape[1],
-        "KNOTS": len(arrays["authority_x"]),
-        "PITCHES": len(arrays["stance_pitch"]),
-        "EFFORTS": len(arrays["effort_step"]),
-        "LARGEST_EFFORTS": int(np.diff(arrays["efforts_of_update"]).max()),
-        "SAMPLES": len(arrays["landing_sample"]),
-    }
-
-
-def plan_tables(tracker: ShiftTracker) -> dict[str, np.ndarray]:
-    """The plan with its slopes, and the gains of its rows."""
-    plan = tracker.plan
-    values = np.concatenate([getattr(plan.reference, quantity) for quantity in IN_PLAN.values()], axis=1)
-    slopes = np.concatenate([plan.slopes[quantity] for quantity in IN_PLAN.values()], axis=2)
-    moved = np.concatenate([values[:, None], slopes.transpose(1, 0, 2)], axis=1)
-    return {"plan": moved} | gain_tables(tracker)
-
-
 def gain_tables(tracker: JumpController) -> dict[str, np.ndarray]:
     """The gains of the plan's rows."""
     both = np.stack([tracker.targets.kp, tracker.targets.kd], axis=1)
     gains, of_row = np.unique(both.reshape(len(both), -1), axis=0, return_inverse=True)
     return {"gains": gains.reshape(-1, *both.shape[1:]), "gains_of_row": of_row.reshape(-1).astype(np.int32)}
-
-
-def stance_tables(tracker: ShiftTracker) -> dict[str, np.ndarray]:
-    """Goals of the stances that may be measured; the planned one alone where none is."""
-    late = tracker.late
-    if late is None:
-        return {"stance_pitch": np.array([float(tracker.stance_pitch)]), "stance_goal": np.array([tracker.goal], float)}
-    return {"stance_pitch": late.pitches, "stance_goal": late.goals}
-
-
-def model_tables(model: LandingFeedback) -> dict[str, np.ndarray]:
-    """The landing model, what shifts do, and what a sudden change does."""
-    return {
-        **landing_tables(model.landing),
-        "authority": model.shifts.mean,
-        "authority_x": model.shifts.x_m,
-        "carry": model.calm.carry,
-        "precision": model.calm.precision,
-        "by_change": model.by_change,
-    }
 
 
 def landing_tables(model: LandingModel) -> dict[str, np.ndarray]:
@@ -258,7 +231,15 @@ def program_tables(planner: GoalShiftPlanner) -> dict[str, np.ndarray]:
         bounds[update, :n] = 1 / np.linalg.norm(root, axis=1)
         landing_scale[update] = 1 / np.linalg.norm(ready.rows[:3] @ root, axis=1)
         norms = np.linalg.norm(basis.effort_rows @ root, axis=1)
-        efforts.append(effort_tables(basis.efforts, norms))
+        limits = basis.efforts
+        efforts.append(
+            {
+                "effort_step": limits.step.astype(np.int32),
+                "effort_slope": limits.slope / norms[:, None],
+                "effort_soft": limits.soft / norms,
+                "effort_room": limits.distance / norms,
+            }
+        )
     counts = [len(part["effort_step"]) for part in efforts]
     soft_pitch, soft_height = config.soft_landing
     return {
@@ -274,24 +255,6 @@ def program_tables(planner: GoalShiftPlanner) -> dict[str, np.ndarray]:
         "largest_change": np.array(config.largest_change),
         "matters_of_target": np.array(config.matters),
     }
-
-
-def effort_tables(efforts: Efforts, norms: np.ndarray) -> dict[str, np.ndarray]:
-    """Limits of forces and torques of one update, scaled."""
-    return {
-        "effort_step": efforts.step.astype(np.int32),
-        "effort_slope": efforts.slope / norms[:, None],
-        "effort_soft": efforts.soft / norms,
-        "effort_room": efforts.distance / norms,
-    }
-
-
-def leg_tables(robot: Robot) -> dict[str, np.ndarray]:
-    """Kinematics of the legs, and the pair that each joint belongs to."""
-    pair_of_joint = np.full(len(robot.joints), -1, np.int32)
-    for pair, name in enumerate(PAIRS):
-        pair_of_joint[robot.joints_at(name)] = pair
-    return {**LegChains.of(robot).tables, "pair_of_joint": pair_of_joint}
 
 
 MEANING_OF_FORCES = {
@@ -341,8 +304,11 @@ def force_tables_of(controller: JumpMpc) -> ControllerTables:
     force = np.array([reference.mean_force(one.horizon.time_s[:2])[0] for one in ready])
     firsts, totals = ([len(one.first) for one in ready], [int(one.pushing.sum()) for one in ready])
     steps = max(len(one.horizon) for one in ready)
+    # The set points that the controller sends.
+    targets = {"joint_pos": controller.targets.position, "joint_vel": controller.targets.velocity}
+    parts = [targets.get(name, getattr(reference, name)) for name in IN_PLAN.values()]
     arrays = {
-        "plan": plan_rows(controller)[:, None],
+        "plan": np.concatenate(parts, axis=1)[:, None],
         **gain_tables(controller),
         "variables_of_update": np.array(totals, np.int32),
         "firsts_of_update": np.array(firsts, np.int32),
@@ -385,13 +351,6 @@ def force_tables_of(controller: JumpMpc) -> ControllerTables:
         "LARGEST_N": config.limits.largest_n,
     }
     return with_body(controller, arrays, numbers, MEANING_OF_FORCES)
-
-
-def plan_rows(controller: JumpMpc) -> np.ndarray:
-    """Rows of the plan in the order of ``IN_PLAN``, with the set points that the controller sends."""
-    targets = {"joint_pos": controller.targets.position, "joint_vel": controller.targets.velocity}
-    parts = [targets.get(name, getattr(controller.reference, name)) for name in IN_PLAN.values()]
-    return np.concatenate(parts, axis=1)
 
 
 def padded(parts: Sequence[np.ndarray], *shape: int) -> np.ndarray:

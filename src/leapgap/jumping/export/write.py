@@ -122,9 +122,17 @@ def write_controller(tracker: ShiftTracker | JumpMpc, folder: Path, about: Mappi
     package = resources.files("leapgap.jumping.export")
     for name in (*OF_ALL, *(OF_GOALS if shifts else OF_FORCES)):
         write_text(folder / name, (package / "c" / name).read_text(encoding="utf-8"))
-    write_text(folder / "sizes.h", sizes_in_c(tables))
-    write_text(folder / "tables.h", declarations_in_c(tables))
-    write_text(folder / "tables.c", tables_in_c(tables))
+    sizes = [f"#define {name} {in_c(value)}" for name, value in tables.numbers.items()]
+    named = [(declaration(name, values), values, tables.meaning[name]) for name, values in tables.arrays.items()]
+    for file, says, lines in (
+        ("sizes", "Numbers of this jump; SI units.", sizes),
+        ("tables", "Tables of this jump.", [f"extern {declared}; /* {holds} */" for declared, _, holds in named]),
+    ):
+        guard = f"{file.upper()}_H"
+        text = [f"/* {says} */", f"#ifndef {guard}", f"#define {guard}", "", *lines, "", "#endif", ""]
+        write_text(folder / f"{file}.h", "\n".join(text))
+    content = [f"{declared} = {nested(values)};\n" for declared, values, _ in named]
+    write_text(folder / "tables.c", "\n".join(['#include "tables.h"', "", *content]))
     write_npz(folder / "tables.npz", dict(tables.arrays))
     if shifts:
         write_text(folder / "controller.py", (package / "numpy_controller.py").read_text(encoding="utf-8"))
@@ -143,28 +151,6 @@ def write_controller(tracker: ShiftTracker | JumpMpc, folder: Path, about: Mappi
     }
     write_json(folder / "controller.json", described)
     return tables
-
-
-def sizes_in_c(tables: ControllerTables) -> str:
-    """``sizes.h``: every number of the jump as a macro."""
-    lines = [f"#define {name} {in_c(value)}" for name, value in tables.numbers.items()]
-    head = ["/* Numbers of this jump; SI units. */", "#ifndef SIZES_H", "#define SIZES_H", ""]
-    return "\n".join([*head, *lines, "", "#endif", ""])
-
-
-def declarations_in_c(tables: ControllerTables) -> str:
-    """Declarations of the arrays, each with what it holds."""
-    head = ["/* Tables of this jump. */", "#ifndef TABLES_H", "#define TABLES_H", ""]
-    lines = [
-        f"extern {declaration(name, values)}; /* {tables.meaning[name]} */" for name, values in tables.arrays.items()
-    ]
-    return "\n".join([*head, *lines, "", "#endif", ""])
-
-
-def tables_in_c(tables: ControllerTables) -> str:
-    """``tables.c``: every array of the jump as a constant."""
-    lines = [f"{declaration(name, values)} = {nested(values)};\n" for name, values in tables.arrays.items()]
-    return "\n".join(['#include "tables.h"', "", *lines])
 
 
 def declaration(name: str, values: np.ndarray) -> str:

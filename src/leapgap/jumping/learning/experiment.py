@@ -53,11 +53,6 @@ def sessions(jumps: Sequence[str], groups: Sequence[Sequence[str]]) -> list[Spli
     return [hold_out(f"session_{i}", jumps, group) for i, group in enumerate(members) if group]
 
 
-def train_on_all(jumps: Sequence[str]) -> Split:
-    """The split that trains on all jumps: its models are used, and judged on other jumps only."""
-    return Split("all", tuple(jumps), ())
-
-
 def hold_out(name: str, jumps: Sequence[str], held_out: Sequence[str]) -> Split:
     """The split that holds some jumps out and trains on the others."""
     return Split(name, tuple(jump for jump in jumps if jump not in held_out), tuple(held_out))

@@ -1,9 +1,10 @@
 """The two files of a model, as trained or as exported: ``<model>.json`` beside the arrays in ``<model>.npz``."""
 
+import csv
 import math
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, TypeVar, cast
@@ -12,7 +13,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.logs.unpacking import Bounded
-from leapgap.runtime.atomic_io import read_json
+from leapgap.runtime.atomic_io import read_json, whole_file
 
 NOON_OF_ZIP = (1980, 1, 1, 0, 0, 0)  # One date for every member, so that equal arrays give equal bytes
 LARGEST_BYTES = 2 << 30  # Largest size of all arrays of a file together
@@ -137,3 +138,11 @@ def is_finite(value: Any) -> bool:
 def arrays_below(arrays: Mapping[str, np.ndarray], place: str) -> dict[str, np.ndarray]:
     """Arrays whose names begin with ``place/``, with that prefix removed."""
     return {name.removeprefix(f"{place}/"): a for name, a in arrays.items() if name.startswith(f"{place}/")}
+
+
+def write_csv(path: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Write a table whole, numbers as texts of their callers."""
+    with whole_file(path) as beside, beside.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)

@@ -10,10 +10,9 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from leapgap.jumping.learning import evaluation, store, time_grid_comparison, window_extraction, windows
-from leapgap.jumping.learning.evaluation import MEASURED, HeldOutPredictions
+from leapgap.jumping.learning import evaluation, store, window_extraction, windows
+from leapgap.jumping.learning.evaluation import MEASURED, HeldOutPredictions, RollOut
 from leapgap.jumping.learning.store import find_recipe
-from leapgap.jumping.learning.time_grid_comparison import RollOut
 from leapgap.logs.log import read_logs
 from leapgap.reports.page import render_page
 from leapgap.robot.model import Robot
@@ -241,14 +240,13 @@ def evaluate_held_out(settings: EvaluateSettings, out: Path, by: str) -> dict[st
     figures = evaluation.metrics(folds, sessions, extracted)
     roll_outs = None if folds is None else compare_time_grids(folds, settings)
     if roll_outs is not None:
-        figures["landing_rms"] = time_grid_comparison.landing_rms(roll_outs)
+        figures["landing_rms"] = evaluation.landing_rms(roll_outs)
     with whole_folder(out, by) as folder:
         if folds is None:
             write_json(folder / "note.json", {"note": "one jump: none could be held out"})
         else:
             evaluation.write_predictions(folds, folder)
-            evaluation.write_error_by_step(folds, folder / "error_by_step.csv")
-            evaluation.write_calibration(folds, folder / "calibration.csv")
+            evaluation.write_tables(folds, folder)
             seconds = read_json(Path(settings.timing))["fit_seconds"] if settings.timing else {}
             about = read_json(Path(settings.windows) / "windows.json")
             text = html(figures, seconds, about, models / "curves.csv", folder, roll_outs)
@@ -268,7 +266,7 @@ def compare_time_grids(folds: HeldOutPredictions, settings: EvaluateSettings) ->
         return None
     of_fixed, models = windows.read(Path(settings.fixed_windows)), Path(settings.fixed_models)
     fixed = evaluation.predict_held_out(of_fixed, models, "fold")
-    return None if fixed is None else time_grid_comparison.compare(folds, fixed)
+    return None if fixed is None else evaluation.compare(folds, fixed)
 
 
 def evaluate_logs(settings: EvaluateSettings, robot: Robot, out: Path, by: str) -> None:

@@ -172,7 +172,20 @@ def record_comparison(
     All runs are shown from where their first jump begins, since some methods stand before it. With a folder of
     ``references``, what the nominal MPC predicts at each update is shown beside its run.
     """
-    runs = {log.parent.name: from_its_jump(read_log(log), read_json(log.with_suffix(".json"))) for log in logs}
+    runs: dict[str, tuple[Log, Mapping[str, Any]]] = {}
+    for one in logs:
+        log, kept = read_log(one), read_json(one.with_suffix(".json"))
+        if begin_s := begin_of(log):
+            row = int(np.searchsorted(log.time, begin_s - ROUNDING_S))
+            substituted = [[time_s - begin_s, reason] for time_s, reason in kept["substituted"]]
+            log, kept = rows_between(log, row, len(log), log.name), {**kept, "substituted": substituted}
+        runs[one.parent.name] = log, kept
+    says = []
+    for method, (_, kept) in runs.items():
+        landed = [f"{one['error_cm']:+.1f} cm{'' if one['success'] else ' (failed)'}" for one in kept["landings"]]
+        fallbacks = ", ".join(f"{count} × {reason}" for reason, count in kept["fallbacks"].items())
+        where = f"{', '.join(landed) or 'no jump'} (positive is short)"
+        says.append(f"**{method}**: {where}; substitutes: {fallbacks or 'none'}")
     (first, (main, _)), *others = runs.items()
     horizons = {
         name: found
@@ -186,22 +199,10 @@ def record_comparison(
         {name: log for name, (log, _) in others},
         title=f"landing {task}",
         label=first,
-        says="  \n".join(
-            [*(describe_run(name, kept) for name, (_, kept) in runs.items()), *map(in_words, horizons.values())]
-        ),
+        says="  \n".join([*says, *map(in_words, horizons.values())]),
         further=[horizon_tab(name, one) for name, one in horizons.items()],
         substitutes={name: kept["substituted"] for name, (_, kept) in runs.items() if kept["substituted"]},
     )
-
-
-def from_its_jump(log: Log, kept: Mapping[str, Any]) -> tuple[Log, Mapping[str, Any]]:
-    """A run and its figures from where its first jump begins, by the time since then."""
-    begin_s = begin_of(log)
-    if begin_s == 0:
-        return log, kept
-    row = int(np.searchsorted(log.time, begin_s - ROUNDING_S))
-    substituted = [[time_s - begin_s, reason] for time_s, reason in kept["substituted"]]
-    return rows_between(log, row, len(log), log.name), {**kept, "substituted": substituted}
 
 
 def horizons_of(log: Log, references: Path, robot: Robot) -> MpcHorizons | None:
@@ -223,12 +224,3 @@ def horizon_tab(method: str, horizons: MpcHorizons) -> Further:
         horizons.log(to, key)
 
     return Further(tab, log)
-
-
-def describe_run(method: str, kept: Mapping[str, Any]) -> str:
-    """One line on a method's run: its landing errors and its fallbacks."""
-    landings = ", ".join(
-        f"{one['error_cm']:+.1f} cm{'' if one['success'] else ' (failed)'}" for one in kept["landings"]
-    )
-    fallbacks = ", ".join(f"{count} × {reason}" for reason, count in kept["fallbacks"].items())
-    return f"**{method}**: {landings or 'no jump'} (positive is short); substitutes: {fallbacks or 'none'}"

@@ -1,5 +1,6 @@
 """Recordings of all results of the pipeline: which folders are shown, and in which form."""
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -89,36 +90,27 @@ def record_prediction(
     by_model = read_predictions(predictions)
     actors = shown_robots(TRUTH, jump, {}, robot)
     models = [name for name in shown or by_model if name != TRUTH and by_model.get(name)]
-    colours = dict(zip(models, palette(len(models)), strict=True))
+    colours = dict(zip(models, itertools.cycle((*GHOST_COLOURS, *MORE_COLOURS)), strict=False))
     title = title or f"predictions of {jump.name}"
-    with recording(path, title, prediction_blueprint(actors)) as to:
+    views = [plot(f"base/{part.key}", part.label, legend=part is COMPONENTS[0]) for part in COMPONENTS]
+    plots = rrb.Grid(*views, grid_columns=2, name="Base, predicted from one window on")
+    notes = rrb.TextDocumentView(origin="notes", name="Notes")
+    layout = add_panels(rrb.Tabs(overview(actors, plots), notes, active_tab=0))
+    aside = jump["base_pos_y"] if "base_pos_y" in jump else np.zeros(len(jump))
+    with recording(path, title, layout) as to:
         log_scene(to, actors)
         log_phases(to, actors[0])
         for name in models:
-            log_predicted_ways(to, actors[0], name, by_model[name], colours[name])
+            entity = f"{WORLD}/predicted/{name}"
+            to.static(entity, rr.LineStrips3D.from_fields(colors=[colours[name]], radii=[0.006]))
+            first_of = {one.start_s: one for one in by_model[name]}
+            ways = [
+                (one.values["x"], np.interp(one.time, jump.time, aside), one.values["z"]) for one in first_of.values()
+            ]
+            strips = [np.stack(way, axis=-1).astype(np.float32) for way in ways]
+            to.over_time(entity, np.array(list(first_of)), rr.LineStrips3D.columns(strips=strips))
         log_predicted_base(to, actors[0], by_model, colours, window_start_s)
         log_notes(to, actors, title)
-
-
-def palette(count: int) -> list[Colour]:
-    """``count`` colours; they repeat where there are more than colours to choose from."""
-    every_colour = (*GHOST_COLOURS, *MORE_COLOURS)
-    return [every_colour[i % len(every_colour)] for i in range(count)]
-
-
-def log_predicted_ways(
-    to: Recorder, actor: ShownRobot, model: str, roll_outs: Sequence[ShownPrediction], colour: Colour
-) -> None:
-    """Log each predicted path of the base at the time of its prediction, with the measured y."""
-    entity = f"{WORLD}/predicted/{model}"
-    to.static(entity, rr.LineStrips3D.from_fields(colors=[colour], radii=[0.006]))
-    aside = actor.jump["base_pos_y"] if "base_pos_y" in actor.jump else np.zeros(len(actor.jump))
-    first_of = {roll_out.start_s: roll_out for roll_out in roll_outs}
-    strips = [
-        np.stack([r.values["x"], np.interp(r.time, actor.jump.time, aside), r.values["z"]], axis=-1).astype(np.float32)
-        for r in first_of.values()
-    ]
-    to.over_time(entity, np.array(list(first_of)), rr.LineStrips3D.columns(strips=strips))
 
 
 def log_predicted_base(
@@ -143,14 +135,6 @@ def log_predicted_base(
             shown = min(by_model[model], key=lambda roll_out: abs(roll_out.start_s - window_start_s))
             curve = Curve(model, colour, shown.values[part.key])
             log_plot(to, f"base/{part.key}/{model}", shown.time, [curve])
-
-
-def prediction_blueprint(actors: Sequence[ShownRobot]) -> rrb.Blueprint:
-    """Layout of the recording: scene on the left, six components on the right, phases below."""
-    views = [plot(f"base/{part.key}", part.label, legend=part is COMPONENTS[0]) for part in COMPONENTS]
-    plots = rrb.Grid(*views, grid_columns=2, name="Base, predicted from one window on")
-    notes = rrb.TextDocumentView(origin="notes", name="Notes")
-    return add_panels(rrb.Tabs(overview(actors, plots), notes, active_tab=0))
 
 
 @dataclass(frozen=True)
@@ -233,7 +217,11 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
             continue
         tables = logs_in(Path(folder))
         for path in islice(tables, view.most_predictions):
-            jump = predicted_jump(path, Path(of_jumps))
+            log = Path(of_jumps) / path.name
+            if not log.is_file():
+                do = "predict jumps of that folder again"
+                raise InputError(path, f"no jump log {log}", "a log of the same name", do)
+            jump = read_log(log)
             record_prediction(
                 out / f"prediction_{kind}_{jump.name}.rrd",
                 jump,
@@ -268,16 +256,6 @@ def ghosts_of(jump: Log, replays: str | None) -> dict[str, Log]:
         return {}
     found = {name: Path(replays) / kind / f"{jump.name}.parquet" for kind, name in GHOSTS.items()}
     return {name: read_log(path) for name, path in found.items() if path.is_file()}
-
-
-def predicted_jump(predictions: Path, jumps: Path) -> Log:
-    """The jump log that a table of predictions belongs to."""
-    log = jumps / predictions.name
-    if not log.is_file():
-        raise InputError(
-            predictions, f"no jump log {log}", "a log of the same name", "predict jumps of that folder again"
-        )
-    return read_log(log)
 
 
 def describe_recordings(kind: str, folder: str, there: int, most: int) -> str:

@@ -59,7 +59,11 @@ def keyframes(jump: Log, robot: Robot) -> str:
 
 def scene(jump: Log, robot: Robot, poses: Poses, picture: int, centre: float) -> str:
     """SVG of ground, path of the base, legs and trunk in one picture, in pixels with y downwards."""
-    parts = [ground(jump.info.terrain, centre), base_path(jump, centre)]
+    rows = np.unique(np.linspace(0, len(jump) - 1, 60).astype(int))
+    points = np.stack([jump["base_pos_x"][rows], jump["base_pos_z"][rows]], axis=1)
+    path = pixels(points[np.abs(points[:, 0] - centre) < AROUND_M])
+    dotted = f'<polyline points="{path}" fill="none" stroke="#8a93a3" stroke-width="1.4" stroke-dasharray="2 4"/>'
+    parts = [ground(jump.info.terrain, centre), dotted]
     parts += [leg(robot, poses, picture, foot) for foot in range(len(robot.feet))]
     return "".join([*parts, trunk(robot, poses, picture)])
 
@@ -74,14 +78,6 @@ def ground(terrain: Sequence[Box], centre: float) -> str:
         f'fill="{COLOURS["ground"]}"/>'
         for left, right, high in edges
     )
-
-
-def base_path(jump: Log, centre: float) -> str:
-    """SVG of the path of the base near the picture's centre."""
-    rows = np.unique(np.linspace(0, len(jump) - 1, 60).astype(int))
-    points = np.stack([jump["base_pos_x"][rows], jump["base_pos_z"][rows]], axis=1)
-    near = points[np.abs(points[:, 0] - centre) < AROUND_M]
-    return f'<polyline points="{pixels(near)}" fill="none" stroke="#8a93a3" stroke-width="1.4" stroke-dasharray="2 4"/>'
 
 
 def leg(robot: Robot, poses: Poses, picture: int, foot: int) -> str:

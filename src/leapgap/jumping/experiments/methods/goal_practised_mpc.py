@@ -17,11 +17,11 @@ from leapgap.jumping.experiments.goal_directed_jump import (
     LandingSamples,
     best_goal,
 )
-from leapgap.jumping.experiments.method import JumpTask, MpcMethod, References
+from leapgap.jumping.experiments.method import AimingMethod, JumpTask, MpcMethod, References
 from leapgap.jumping.experiments.methods.practised_mpc import PractisedMpcSettings
 from leapgap.jumping.experiments.rig import Rig
 from leapgap.jumping.experiments.settings import GoalOffsets, PracticeRounds
-from leapgap.jumping.experiments.training_jumps import DATA_SHEET, AimingMethod, run_practice
+from leapgap.jumping.experiments.training_jumps import DATA_SHEET, run_practice
 from leapgap.jumping.learning.models.deviation_kernel import DeviationKernelConfig
 from leapgap.jumping.learning.recipe import ModelSettings
 from leapgap.jumping.models.planar import planar_robot

@@ -10,57 +10,29 @@ import numpy as np
 from leapgap.effects import to_config
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
 from leapgap.jumping.control.shifted_plan import GOAL_AXES, Observation, ShiftGrid
-from leapgap.jumping.control.tracking import JumpController, Reference
-from leapgap.jumping.experiments.goal_directed_jump import GoalChoice, JumpPlanner, LandingModel, best_goal, target_pose
+from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner, LandingModel, best_goal, target_pose
 from leapgap.jumping.experiments.goal_shift_jump import (
     Authority,
     FeedbackConfig,
-    GoalShiftJump,
+    GoalShiftMethod,
     HeldShifts,
     KickedJumps,
     LandingFeedback,
-    ShiftSettings,
     learn_calm,
     learn_change,
 )
-from leapgap.jumping.experiments.method import JumpTask, Method
+from leapgap.jumping.experiments.method import AimingMethod, JumpTask, Method
 from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig
 from leapgap.jumping.experiments.simulated_shifts import ShiftSimulator, SimulatedShiftsConfig
 from leapgap.jumping.experiments.training_jumps import (
     DATA_SHEET,
     SHARED,
-    AimingMethod,
     PracticeResult,
     identify_contact_effects,
     run_practice,
 )
-from leapgap.jumping.experiments.trial import TrialResult, TrialSpec
+from leapgap.jumping.experiments.trial import TrialSpec
 from leapgap.jumping.models.planar import planar_robot
-from leapgap.jumping.task import Target
-
-
-@dataclass(frozen=True)
-class GoalShiftMethod(Method):
-    """Goal-shift MPC along plans from the measured stance to the goal that the model says will land on the target."""
-
-    planner: JumpPlanner | None = None
-    feedback: LandingFeedback | None = None
-    config: GoalShiftConfig = field(default_factory=GoalShiftConfig)
-    goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """Added to each goal for exploration, (3,), m, m, rad."""
-    exploration: np.ndarray | None = None  # Added to the shifts, (updates, 3), m, m, rad
-
-    def controller(self, task: JumpTask, reference: Reference) -> JumpController:
-        """A jump that is planned after the stance was measured, and shifted on the way."""
-        assert self.planner is not None
-        landing = None if self.feedback is None else self.feedback.landing
-
-        def aim(target: Target, stance_pitch: float) -> np.ndarray:
-            return best_goal(landing, target, stance_pitch) + self.goal_offset
-
-        settings = ShiftSettings(self.config, self.feedback, self.exploration)
-        choice = GoalChoice(task.target, self.planner, aim, task.stance_is_seen)
-        return GoalShiftJump(choice, reference, self.robot, self.gains, settings)
 
 
 @dataclass(frozen=True)
@@ -85,9 +57,11 @@ def measure_held_shifts(
     """
     last = range(max(grid.free_updates - config.last_updates, 0), grid.free_updates)
     held = [(update, axis) for update in last for axis in range(GOAL_AXES) if config.shift[axis]]
-    steps = np.array([sign(update) * config.shift[axis] for update, axis in held])
-    unshifted = np.zeros((grid.updates, GOAL_AXES))
-    shifts = [unshifted, *(held_shift(unshifted, *at, step) for at, step in zip(held, steps, strict=True))]
+    # Both signs in turn, so that the mean effect of both sides counts.
+    steps = np.array([(1.0 if update % 2 else -1.0) * config.shift[axis] for update, axis in held])
+    shifts = np.zeros((len(held) + 1, grid.updates, GOAL_AXES))  # the first jump is not shifted
+    for shift, (update, axis), step in zip(shifts[1:], held, steps, strict=True):
+        shift[update:, axis] = step
     rng = np.random.default_rng([bench.seed, 17])
     goals, effects = [], []
     for x_m in sorted(config.distances_m):
@@ -106,7 +80,9 @@ def measure_held_shifts(
             )
             for number, shift in enumerate(shifts)
         ]
-        landings = [landing_of(result) for result in bench.runner.results(trials)]
+        fell = np.full(GOAL_AXES, np.nan)
+        shifted = [result.shifted for result in bench.runner.results(trials)]
+        landings = [fell if one is None else one.landing[0] for one in shifted]
         if np.isfinite(landings[0]).all():
             goals.append(float(best_goal(landing, task.target, 0.0)[0]))
             effects.append((np.array(landings[1:]) - landings[0]) / steps[:, None])
@@ -117,23 +93,6 @@ def measure_held_shifts(
         effect=np.array(effects).reshape(len(goals), len(held), GOAL_AXES),
         error=config.error,
     )
-
-
-def held_shift(unshifted: np.ndarray, update: int, axis: int, step: float) -> np.ndarray:
-    """A shift by ``step`` along an axis that is held from an update on, (updates, 3)."""
-    shift = unshifted.copy()
-    shift[update:, axis] = step
-    return shift
-
-
-def landing_of(result: TrialResult) -> np.ndarray:
-    """Landing (3,) of the result's jump; not finite where it fell."""
-    return np.full(GOAL_AXES, np.nan) if result.shifted is None else result.shifted.landing[0]
-
-
-def sign(update: int) -> float:
-    """Sign of the shift that is held from an update on: both in turn, so that the mean effect of both sides counts."""
-    return 1.0 if update % 2 else -1.0
 
 
 @dataclass(frozen=True)

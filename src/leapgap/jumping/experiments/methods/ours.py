@@ -8,11 +8,11 @@ import numpy as np
 
 from leapgap.effects import to_config
 from leapgap.errors import InputError
-from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner, LandingModel, LandingSamples
-from leapgap.jumping.experiments.method import JumpTask, Method
+from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner, LandingModel
+from leapgap.jumping.experiments.method import AimingMethod, JumpTask, Method
 from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig
 from leapgap.jumping.experiments.settings import AdaptConfig
-from leapgap.jumping.experiments.training_jumps import AimingMethod, run_practice
+from leapgap.jumping.experiments.training_jumps import run_practice
 from leapgap.jumping.models.planar import planar_robot
 
 
@@ -61,13 +61,9 @@ def adapt_offsets(bench: Bench, method: AimingMethod, tasks: Sequence[JumpTask],
         for trial, done in zip(trials, bench.runner.results(trials), strict=True):
             if len(done.samples):
                 before = offset.get(trial.task.name, np.zeros(3))
-                error = prediction_errors(method.landing, done.samples).mean(axis=0) - before
+                pairs = zip(done.samples.goal, done.samples.stance_pitch, done.samples.landing, strict=True)
+                off = [landed - method.landing.landing(goal, stance) for goal, stance, landed in pairs]
+                error = np.mean(off, axis=0) - before
                 offset[trial.task.name] = before + config.rate * error
         method = replace(method, offset=offset)
     return method
-
-
-def prediction_errors(model: LandingModel, samples: LandingSamples) -> np.ndarray:
-    """Landing − predicted landing of each jump, (n, 3), m, m, rad."""
-    pairs = zip(samples.goal, samples.stance_pitch, samples.landing, strict=True)
-    return np.array([landed - model.landing(goal, stance) for goal, stance, landed in pairs])
