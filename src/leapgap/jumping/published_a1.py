@@ -184,18 +184,10 @@ def read_table(path: Path, columns: int, separator: str | None) -> np.ndarray:
     except ValueError as error:
         raise InputError(path, f"no whole table ({error})", "numbers, as many in every row", "copy it again") from None
     if table.shape[1] < columns or not len(table):
-        raise InputError(
-            path,
-            f"{table.shape[0]} rows × {table.shape[1]} columns",
-            f"{columns} columns or more",
-            "check that it is the file of the published layout",
-        )
+        found = f"{table.shape[0]} rows × {table.shape[1]} columns"
+        raise InputError(path, found, f"{columns} columns or more", "check that it is the file of the published layout")
     bad = np.argwhere(~np.isfinite(table))
     if len(bad):
-        raise InputError(
-            path,
-            f"{len(bad)} values that are no number, first in row {bad[0][0]}, column {bad[0][1]}",
-            "finite numbers",
-            "repair the log, or leave this jump out",
-        )
+        says = f"{len(bad)} values that are no number, first in row {bad[0][0]}, column {bad[0][1]}"
+        raise InputError(path, says, "finite numbers", "repair the log, or leave this jump out")
     return table

@@ -51,17 +51,16 @@ class DualTables:
         return tuple(getattr(self, name) for name in self.__dataclass_fields__)
 
 
-def limits_as_rows(ready: PreparedQp) -> tuple[np.ndarray, np.ndarray]:
-    """All limits as rows ≤ bounds, (c, n) and (c,); F_z ≥ 0 is left out, since the friction cone implies it."""
-    eye = np.eye(len(ready.lower))
-    above, below = np.isfinite(ready.upper), np.isfinite(ready.lower) & (ready.lower != 0)
-    rows = np.concatenate([ready.rows, eye[above], -eye[below]])
-    return rows, np.concatenate([ready.row_upper, ready.upper[above], -ready.lower[below]])
-
-
 def dual_tables(ready: PreparedQp, tolerance_n: float, relative_tolerance: float) -> DualTables:
     """The tables of one update, with no row active at first."""
-    rows, bounds = limits_as_rows(ready)
+    # All limits as rows ≤ bounds; F_z ≥ 0 is left out, since the friction cone implies it.
+    eye, above, below = (
+        np.eye(len(ready.lower)),
+        np.isfinite(ready.upper),
+        np.isfinite(ready.lower) & (ready.lower != 0),
+    )
+    rows = np.concatenate([ready.rows, eye[above], -eye[below]])
+    bounds = np.concatenate([ready.row_upper, ready.upper[above], -ready.lower[below]])
     later_rows = rows[:, len(ready.first) :]
     states, later = slice(0, STATES), slice(STATES, None)
     factor = np.linalg.inv(np.linalg.cholesky(ready.quadratic[later, later]))
@@ -275,34 +274,14 @@ def is_minimum(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def solve_update(  # type: ignore[no-untyped-def]
-    state,
-    foot,
-    model,
-    iterations,
-    cost_to_go,
-    slope_to_go,
-    later,
-    later_by_state,
-    later_by_row,
-    gram,
-    rows_by_state,
-    excess,
-    rows,
-    by_force,
-    bounds,
-    start,
-    quadratic,
-    linear,
-    first,
-    push_s,
-    first_force,
-    numbers,
-):
+def solve_update(state, foot, model, iterations, tables):  # type: ignore[no-untyped-def]
     """Forces of one update from a state (6,), feet (4,) and the model there (15,), with the fields of ``DualTables``.
 
     Returns the status, the forces (n,), the active rows, and how many they are.
     """
+    cost_to_go, slope_to_go, later, later_by_state, later_by_row, gram = tables[:6]
+    rows_by_state, excess, rows, by_force, bounds, start = tables[6:12]
+    quadratic, linear, first, push_s, first_force, numbers = tables[12:]
     m0, x = len(first), np.zeros(len(first) + len(later))
     free, enters = first_state(state, model, first, push_s, numbers)
     if not np.isfinite(free.sum() + enters.sum() + foot.sum()):
@@ -364,7 +343,7 @@ class CompiledPlanner(ForcePlanner):
         model = self.first_step(state, foot, time_s)
         if deadline_s is not None and self.clock() - began >= deadline_s:
             return Solved(None, None, OUT_OF_TIME)
-        status, x, _, _ = solve_update(state, foot, model, self.config.qp.max_iterations, *tables)
+        status, x, _, _ = solve_update(state, foot, model, self.config.qp.max_iterations, tables)
         if deadline_s is not None and self.clock() - began > deadline_s:
             return Solved(None, None, OUT_OF_TIME)
         return Solved(x, None, FAULTS[status])
@@ -377,5 +356,5 @@ def update_tables(planner: ForcePlanner, time_s: float, prepared: PreparedQp) ->
     tables = dual_tables(prepared, demands.primal_tolerance_n, demands.relative_dual_tolerance)
     state, foot = planner.formulation.start(time_s, reference.state[row]).copy(), reference.foot[row].copy()
     model = planner.first_step(state, foot, time_s)
-    status, _, active, size = solve_update(state, foot, model, planner.config.qp.max_iterations, *tables.arguments)
+    status, _, active, size = solve_update(state, foot, model, planner.config.qp.max_iterations, tables.arguments)
     return replace(tables, start=active[:size].copy()) if status == SOLVED else tables

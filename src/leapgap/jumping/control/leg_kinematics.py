@@ -211,7 +211,7 @@ class CompiledLegs(LegKinematics):
         """Offsets of the pairs, and joint torques for ``_pair_force``."""
         self._quaternion[:], self._joint_pos[:] = base_quaternion, joint_pos
         found: tuple[np.ndarray, np.ndarray]
-        found = follow_chains(self._quaternion, self._joint_pos, self._pair_force, *self._chains)
+        found = follow_chains(self._quaternion, self._joint_pos, self._pair_force, self._chains)
         return found
 
 
@@ -241,21 +241,10 @@ def move(places, i, rotation, vectors, j, sign):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def follow_chains(  # type: ignore[no-untyped-def]
-    quaternion,
-    joint_pos,
-    pair_force,
-    links_of_foot,
-    link_position,
-    link_rotation,
-    link_joint,
-    link_axis,
-    link_anchor,
-    link_zero,
-    foot_point,
-    foot_share,
-):
+def follow_chains(quaternion, joint_pos, pair_force, chains):  # type: ignore[no-untyped-def]
     """Mean foot − base of each pair, (2, 3), and the joint torques −Jᵀ u of pair forces (2, 3), with ``LegChains``."""
+    links_of_foot, link_position, link_rotation, link_joint, link_axis = chains[:5]
+    link_anchor, link_zero, foot_point, foot_share = chains[5:]
     feet, links = len(foot_point), len(link_joint)
     offsets, torque, at = np.zeros((2, 3)), np.zeros(len(joint_pos)), np.zeros((feet, 3))
     anchors, axes = np.zeros((links, 3)), np.zeros((links, 3))  # of the joints, in world axes
@@ -300,7 +289,7 @@ def measure_plane(measured, quaternion, joint_pos, chains):  # type: ignore[no-u
 
     ``measured``: position and velocity of the base, heading of the frame, its x, y and level, pitch rate.
     """
-    offsets, _ = follow_chains(quaternion, joint_pos, np.zeros((2, 3)), *chains)
+    offsets, _ = follow_chains(quaternion, joint_pos, np.zeros((2, 3)), chains)
     state, foot = np.empty(6), np.empty(4)
     forward_x, forward_y = measured[6], measured[7]
     w, x, y, z = quaternion

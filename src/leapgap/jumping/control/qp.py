@@ -2,7 +2,7 @@
 
 qp = Qp(hessian, gradient, lower, upper, rows, row_upper)
 solution = solver(QpConfig("daqp")).solve(qp)
-solution.x, solution.primal_residual, solution.dual_residual, solution.gap
+solution.x, solution.primal_residual, solution.dual_residual
 """
 
 import time
@@ -48,10 +48,6 @@ class Qp:
         impossible = (self.lower > self.upper).any() or (self.lower == np.inf).any() or (self.upper == -np.inf).any()
         return INFEASIBLE if impossible or (self.row_upper == -np.inf).any() else None
 
-    def cost(self, x: np.ndarray) -> float:
-        """½ xᵀ H x + fᵀ x."""
-        return float(x @ (0.5 * (self.hessian @ x) + self.gradient))
-
 
 @dataclass(frozen=True)
 class QpSolution:
@@ -78,17 +74,6 @@ class QpSolution:
         qp, bounds = self.problem, len(self.x)
         residual = qp.hessian @ self.x + qp.gradient + self.dual[:bounds] + self.dual[bounds:] @ qp.rows
         return float(np.abs(residual).max(initial=0.0)) if np.isfinite(residual).all() else np.inf
-
-    @cached_property
-    def gap(self) -> float:
-        """|primal − dual cost|: xᵀ H x + fᵀ x + upperᵀ (dual)⁺ − lowerᵀ (dual)⁻."""
-        qp, bounds = self.problem, len(self.x)
-        upper = np.concatenate([qp.upper, qp.row_upper])
-        lower = np.concatenate([qp.lower, np.full(len(qp.row_upper), -np.inf)])
-        held = np.where(self.dual > 0, upper, np.where(self.dual < 0, lower, 0.0))
-        support = float(np.sum(held[self.dual != 0] * self.dual[self.dual != 0]))
-        gap = abs(float(self.x @ (qp.hessian @ self.x) + qp.gradient @ self.x) + support)
-        return gap if np.isfinite(gap) and len(self.dual) == bounds + len(qp.row_upper) else np.inf
 
     def fault(self, primal_tolerance: float, relative_dual_tolerance: float) -> str | None:
         """Why this solution must not be used, or None: the solver's status, non-finite values, or large residuals."""

@@ -47,12 +47,8 @@ class Reference:
             )
         schedule, period = schedule_of(jump), jump.info.sample_period_s
         if jump.time[-1] < schedule.take_off_s:
-            raise InputError(
-                jump.name,
-                f"a reference that ends at {jump.time[-1]:g} s",
-                f"one that reaches its take-off at {schedule.take_off_s:g} s",
-                "plan it again (stages.optimize)",
-            )
+            found, do = f"a reference that ends at {jump.time[-1]:g} s", "plan it again (stages.optimize)"
+            raise InputError(jump.name, found, f"one that reaches its take-off at {schedule.take_off_s:g} s", do)
         state = states(jump)
         state[:, 0] -= state[0, 0]
         stands = per_axis(schedule.in_contact(jump.time))

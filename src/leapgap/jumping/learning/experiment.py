@@ -42,12 +42,8 @@ def sessions(jumps: Sequence[str], groups: Sequence[Sequence[str]]) -> list[Spli
     members = [[jump for jump in jumps if any(fnmatchcase(jump, pattern) for pattern in group)] for group in groups]
     twice = [jump for jump in jumps if sum(jump in group for group in members) > 1]
     if twice:
-        raise InputError(
-            "train.sessions",
-            f"{', '.join(twice)} in several sessions",
-            "each jump in one session",
-            "correct the patterns, or set train.sessions=null",
-        )
+        do = "correct the patterns, or set train.sessions=null"
+        raise InputError("train.sessions", f"{', '.join(twice)} in several sessions", "each jump in one session", do)
     if sum(bool(group) for group in members) < 2 or sum(map(len, members)) < len(jumps):
         return []
     return [hold_out(f"session_{i}", jumps, group) for i, group in enumerate(members) if group]

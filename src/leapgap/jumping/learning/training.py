@@ -240,12 +240,9 @@ class LossCurve(Callback):
         step, loss = trainer.global_step, float(trainer.callback_metrics["train_loss"])
         self.first = loss if step == 1 else self.first
         if (step == 1 or step % self.every == 0) and not loss <= DIVERGED * max(self.first, LEAST_LOSS):
-            raise InputError(
-                f"training of {self.title}",
-                f"a loss of {loss:.3g} after {step} steps, {self.first:.3g} at the start",
-                "a loss that falls",
-                "lower fitting.learning_rate of this model, or set its fitting.clip_norm",
-            )
+            found = f"a loss of {loss:.3g} after {step} steps, {self.first:.3g} at the start"
+            do = "lower fitting.learning_rate of this model, or set its fitting.clip_norm"
+            raise InputError(f"training of {self.title}", found, "a loss that falls", do)
         if step % self.every == 0 or step == trainer.max_steps:
             assert isinstance(pl_module, Learner)
             self.rows.append([step, loss, pl_module.held_out_error()])

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.learning.windows import TimeGrid, Windows
+from leapgap.jumping.learning.windows import KINDS, TimeGrid, Windows, shapes_of
 from leapgap.jumping.models.affine_model import AffineModel
 from leapgap.jumping.models.rigid_body import CURVATURE, PlannedSteps, advance
 from leapgap.jumping.task import begin_of, schedule_of, target_of
@@ -81,33 +81,16 @@ def cut(
         raise InputError("chunk.force", force, f"one of {', '.join(FORCES)}", "correct conf/chunk")
     for jump in jumps[1:]:
         if schedule_of(jump) != schedule_of(jumps[0]):
-            raise InputError(
-                jump.name,
-                str(schedule_of(jump)),
-                f"{schedule_of(jumps[0])}, as in {jumps[0].name}",
-                "keep jumps of different schedules in different folders",
-            )
+            do = "keep jumps of different schedules in different folders"
+            raise InputError(jump.name, str(schedule_of(jump)), f"{schedule_of(jumps[0])}, as in {jumps[0].name}", do)
     schedule = schedule_of(jumps[0]) if jumps else None
     own = clocks or {}
-    pieces = [cut_jump(jump, grid, robot, FORCES[force], own.get(jump.name)) for jump in jumps] or [no_windows(grid)]
+    pieces = [cut_jump(jump, grid, robot, FORCES[force], own.get(jump.name)) for jump in jumps]
+    shapes = {name: (0, *shape) for name, shape in shapes_of(grid.steps).items() if name != "jump"}
+    pieces = pieces or [{name: np.zeros(shape, KINDS.get(name, float)) for name, shape in shapes.items()}]
     arrays = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     numbers = np.concatenate([np.full(len(piece["start"]), i) for i, piece in enumerate(pieces)])
     return Windows(grid, schedule, robot.name, robot.sha256, tuple(jump.name for jump in jumps), jump=numbers, **arrays)
-
-
-def no_windows(grid: TimeGrid) -> dict[str, np.ndarray]:
-    """The arrays of no jump at all."""
-    k = grid.steps
-    return {
-        "start": np.zeros(0, int),
-        "start_x": np.zeros(0),
-        "state": np.zeros((0, k + 1, 6)),
-        "force": np.zeros((0, k, 4)),
-        "foot": np.zeros((0, k, 4)),
-        "time_s": np.zeros((0, k + 1)),
-        "step_s": np.zeros((0, k)),
-        "contact": np.zeros((0, k), bool),
-    }
 
 
 def cut_jump(
@@ -123,12 +106,8 @@ def cut_jump(
     except InputError as error:
         raise InputError(f"{jump.name}, {error.where}", error.found, error.expected, error.do) from None
     if grid.steps > total:
-        raise InputError(
-            jump.name,
-            f"windows of {grid.steps} steps",
-            f"{total} steps or fewer: all that this jump's schedule has",
-            "shorten the window (chunk.steps), or make the steps shorter",
-        )
+        says, wanted = f"windows of {grid.steps} steps", f"{total} steps or fewer: all that this jump's schedule has"
+        raise InputError(jump.name, says, wanted, "shorten the window (chunk.steps), or make the steps shorter")
     times = grid.sample_times(schedule)
     rows, lengths = rows_at(jump, times), np.diff(times)
     if clock is not None:
@@ -162,12 +141,9 @@ def by_own_clock(jump: Log, clock: RowClock, rows: np.ndarray) -> tuple[Log, np.
     lengths = np.diff(own.time[there])
     if (lengths <= 0).any():
         step = int(np.flatnonzero(lengths <= 0)[0])
-        raise InputError(
-            f"{jump.name}, rows {rows[step]} to {rows[step + 1]}",
-            "no time that passed, by the log's own clock",
-            "steps of the grid that last",
-            "leave this log out, make the steps longer, or set chunk.clock=claimed",
-        )
+        where = f"{jump.name}, rows {rows[step]} to {rows[step + 1]}"
+        do = "leave this log out, make the steps longer, or set chunk.clock=claimed"
+        raise InputError(where, "no time that passed, by the log's own clock", "steps of the grid that last", do)
     return own, there, lengths
 
 
@@ -175,22 +151,15 @@ def rows_at(jump: Log, times_s: np.ndarray) -> np.ndarray:
     """The row of a log nearest to each time, none further than half a sample period; shape of ``times_s``."""
     clock, half = jump.time, jump.info.sample_period_s / 2 + 1e-6
     if times_s[-1] > clock[-1] + half:
-        raise InputError(
-            jump.name,
-            f"a log that ends at {clock[-1]:g} s",
-            f"one that reaches {times_s[-1]:g} s, the end of its scheduled flight",
-            "log the whole jump, or correct the schedule in its metadata",
-        )
+        found, do = f"a log that ends at {clock[-1]:g} s", "log the whole jump, or correct the schedule in its metadata"
+        raise InputError(jump.name, found, f"one that reaches {times_s[-1]:g} s, the end of its scheduled flight", do)
     right = np.clip(np.searchsorted(clock, times_s), 1, len(clock) - 1)
     rows = np.where(times_s - clock[right - 1] < clock[right] - times_s, right - 1, right)
     far = np.flatnonzero(np.abs(clock[rows] - times_s) > half)
     if len(far):
-        raise InputError(
-            f"{jump.name}, column time",
-            f"no row within {half * 1e3:.3g} ms of {times_s[far[0]]:g} s",
-            f"a row every {jump.info.sample_period_s * 1e3:g} ms, the sample period of its metadata",
-            "repair the log, or correct its sample_period_s",
-        )
+        says = f"no row within {half * 1e3:.3g} ms of {times_s[far[0]]:g} s"
+        expected = f"a row every {jump.info.sample_period_s * 1e3:g} ms, the sample period of its metadata"
+        raise InputError(f"{jump.name}, column time", says, expected, "repair the log, or correct its sample_period_s")
     return rows
 
 
@@ -198,12 +167,8 @@ def states(jump: Log) -> np.ndarray:
     """x z pitch and their rates at every row, in the world, (rows, 6)."""
     missing = [column for column in STATE_COLUMNS if column not in jump]
     if missing:
-        raise InputError(
-            jump.name,
-            f"no base state (no {', '.join(missing)})",
-            "position, orientation and velocity of the base",
-            "leave this log out: a model of the base cannot learn without",
-        )
+        found, expected = f"no base state (no {', '.join(missing)})", "position, orientation and velocity of the base"
+        raise InputError(jump.name, found, expected, "leave this log out: a model of the base cannot learn without")
     columns = ("base_pos_x", "base_pos_z", "base_linvel_x", "base_linvel_z", "base_angvel_y")
     x, z, vx, vz, pitch_rate = jump.stack(columns).T
     return np.stack([x, z, jump.pitch, vx, vz, pitch_rate], axis=-1)
@@ -220,23 +185,15 @@ def total_forces(jump: Log) -> np.ndarray:
     if {"mpc_force", "pd_force"} <= sources:
         return jump.pair_force("mpc_force") + jump.pair_force("pd_force")
     found = f"only {', '.join(sources)}" if sources else "no column of them"
-    raise InputError(
-        jump.name,
-        f"no forces ({found})",
-        "train_force, or mpc_force and pd_force, of both pairs",
-        "log them, or leave this log out",
-    )
+    expected = "train_force, or mpc_force and pd_force, of both pairs"
+    raise InputError(jump.name, f"no forces ({found})", expected, "log them, or leave this log out")
 
 
 def planned_forces(jump: Log) -> np.ndarray:
     """u_mpc alone, (rows, 4): what an MPC decides on; a model of it learns what joint PD will add."""
     if not jump.has_pair_force("mpc_force"):
-        raise InputError(
-            jump.name,
-            "no planned forces (no mpc_force)",
-            "mpc_force of both pairs",
-            "log them, leave this log out, or set chunk.force=total",
-        )
+        do = "log them, leave this log out, or set chunk.force=total"
+        raise InputError(jump.name, "no planned forces (no mpc_force)", "mpc_force of both pairs", do)
     return jump.pair_force("mpc_force")
 
 

@@ -54,12 +54,9 @@ def whole_steps(phase: str, length_s: float, step_s: float) -> int:
     steps = length_s / step_s
     if abs(steps - round(steps)) > 1e-6:
         shorter, longer = np.floor(steps) * step_s, np.ceil(steps) * step_s
-        raise InputError(
-            f"time grid, {phase}",
-            f"{length_s:g} s, which is not a whole number of {step_s:g} s steps",
-            f"for instance {shorter:g} s or {longer:g} s",
-            "choose a step that divides the phase, or another schedule",
-        )
+        found = f"{length_s:g} s, which is not a whole number of {step_s:g} s steps"
+        do = "choose a step that divides the phase, or another schedule"
+        raise InputError(f"time grid, {phase}", found, f"for instance {shorter:g} s or {longer:g} s", do)
     return round(steps)
 
 
@@ -182,12 +179,8 @@ class Purpose:
         for name, mine in asdict(self).items():
             wanted = asdict(needed)[name]
             if mine != wanted and name != "robot":
-                raise InputError(
-                    where,
-                    f"a model for {name} {mine}",
-                    f"{name} {wanted}, as is needed here",
-                    "train models for it (stages.chunk, stages.train), or use what they were trained for",
-                )
+                do = "train models for it (stages.chunk, stages.train), or use what they were trained for"
+                raise InputError(where, f"a model for {name} {mine}", f"{name} {wanted}, as is needed here", do)
 
 
 def write(windows: Windows, folder: Path) -> None:
@@ -226,12 +219,8 @@ def read(folder: Path) -> Windows:
     """Windows from a folder that ``write`` filled; ``InputError`` where it is of another format."""
     about = read_json(folder / "windows.json")
     if about.get("format_version") != FORMAT_VERSION:
-        raise InputError(
-            folder / "windows.json",
-            f"format_version {about.get('format_version')}",
-            str(FORMAT_VERSION),
-            "run stages.chunk again",
-        )
+        says = f"format_version {about.get('format_version')}"
+        raise InputError(folder / "windows.json", says, str(FORMAT_VERSION), "run stages.chunk again")
     arrays = read_npz(folder / "windows.npz")
     try:
         arrays.setdefault("step_s", np.diff(arrays["time_s"], axis=-1))
@@ -259,7 +248,7 @@ def check(windows: Windows, where: object) -> None:
     count, steps = len(windows.jump), windows.grid.steps
     shapes = {name: (count, *shape) for name, shape in shapes_of(steps).items()}
     for name, shape in shapes.items():
-        array, kind = getattr(windows, name), KINDS.get(name, "f")
+        array, kind = getattr(windows, name), np.dtype(KINDS.get(name, float)).kind
         if array.shape != shape or array.dtype.kind != kind:
             expected = f"shape {shape} and kind {kind}, for {count} windows of {steps} steps"
             raise unfit(where, f"{name} has shape {array.shape} and kind {array.dtype.kind}, not {expected}")
@@ -277,7 +266,7 @@ def check(windows: Windows, where: object) -> None:
         raise unfit(where, "steps that end before they begin")
 
 
-KINDS = {"jump": "i", "start": "i", "contact": "b"}
+KINDS: dict[str, type] = {"jump": int, "start": int, "contact": bool}
 """Kinds of the values of arrays that are not numbers with a fraction."""
 
 

@@ -114,9 +114,5 @@ def check_names(names: Sequence[str], where: str) -> None:
     """Raise an ``InputError`` where there is no name, or one that is not in ``FEATURES``."""
     unknown = [name for name in names if name not in FEATURES]
     if unknown or not names:
-        raise InputError(
-            where,
-            f"inputs {', '.join(unknown) or 'none'}",
-            f"some of {', '.join(FEATURES)}",
-            "correct them in conf/train",
-        )
+        found = f"inputs {', '.join(unknown) or 'none'}"
+        raise InputError(where, found, f"some of {', '.join(FEATURES)}", "correct them in conf/train")

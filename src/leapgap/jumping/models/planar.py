@@ -199,12 +199,9 @@ class PlanarReader:
         pitch = [name for name in names if abs(axes[name][1]) > 0.9]
         feet = [foot for foot in robot.feet if robot.limb_of(foot) == leg]
         if len(pitch) != 2 or len(feet) != 1:
-            raise InputError(
-                robot.path,
-                f"leg {leg} with {len(pitch)} joints along y and {len(feet)} feet",
-                "a thigh and a calf joint and a named sphere as foot",
-                "name joints and feet by their leg, or plan by hand",
-            )
+            found = f"leg {leg} with {len(pitch)} joints along y and {len(feet)} feet"
+            expected = "a thigh and a calf joint and a named sphere as foot"
+            raise InputError(robot.path, found, expected, "name joints and feet by their leg, or plan by hand")
         hip, knee = (self.data.xanchor[model.joint(name).id] for name in pitch)
         foot = self.data.geom(feet[0]).xpos
         thigh_angle, calf_angle = angle_from_vertical(knee - hip), angle_from_vertical(foot - knee)
@@ -311,12 +308,8 @@ def model_with(robot: Robot, found: Sequence[Effect]) -> mujoco.MjModel:
     """A copy of the robot's MuJoCo model with effects that plans can account for."""
     refused = unplannable_effects(found)
     if refused:
-        raise InputError(
-            "effects in planning",
-            ", ".join(refused),
-            f"one of {', '.join(IN_PLANS)}, at all",
-            "leave it out of the planned robot (effects.json); the simulation can have it",
-        )
+        do = "leave it out of the planned robot (effects.json); the simulation can have it"
+        raise InputError("effects in planning", ", ".join(refused), f"one of {', '.join(IN_PLANS)}, at all", do)
     model = copy.copy(robot.model)
     for effect in found:
         effect.change_model(model, robot)

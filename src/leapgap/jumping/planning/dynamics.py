@@ -47,14 +47,9 @@ class Vector:
         """Moment about +y of a force that acts at this lever arm."""
         return self.z * force.x - self.x * force.z
 
-    @property
-    def angle_derivative(self) -> "Vector":
-        """Derivative of a link-fixed vector by the angle of its link."""
-        return Vector(self.z, -self.x)
-
     def second_derivative(self, omega: Scalar, alpha: Scalar) -> "Vector":
         """Second time derivative of a link-fixed vector at angular velocity ω and acceleration α."""
-        return alpha * self.angle_derivative - omega**2 * self
+        return alpha * Vector(self.z, -self.x) - omega**2 * self
 
 
 @dataclass(frozen=True)

@@ -68,12 +68,9 @@ class Grid:
             whole = round(length / self.step_s) if np.isfinite(length) else 0
             if whole < 1 or abs(whole * self.step_s - length) > 1e-9:
                 shorter = max(1, int(length / self.step_s) if whole else 1) * self.step_s
-                raise InputError(
-                    f"contact schedule, {name}",
-                    f"{length:g} s",
-                    f"a whole number of {self.step_s:g} s steps, one or more",
-                    f"the nearest lengths are {shorter:g} s and {shorter + self.step_s:g} s",
-                )
+                expected = f"a whole number of {self.step_s:g} s steps, one or more"
+                do = f"the nearest lengths are {shorter:g} s and {shorter + self.step_s:g} s"
+                raise InputError(f"contact schedule, {name}", f"{length:g} s", expected, do)
 
     def _phase_steps(self, seconds: float) -> int:
         return round(seconds / self.step_s)
@@ -132,12 +129,9 @@ class Problem:
     def __post_init__(self) -> None:
         x, z = self.target.x_m, self.target.z_m
         if not (np.isfinite([x, z]).all() and abs(x) <= LONGEST_JUMP_M and 0 <= z <= HIGHEST_JUMP_M):
-            raise InputError(
-                "jump target",
-                f"x {x:g} m, z {z:g} m",
-                f"x within ±{LONGEST_JUMP_M:g} m, z from 0 (the floor) to {HIGHEST_JUMP_M:g} m",
-                "give targets in metres; the A1 is known to reach -0.3 to 0.8 m and boxes up to 0.2 m",
-            )
+            expected = f"x within ±{LONGEST_JUMP_M:g} m, z from 0 (the floor) to {HIGHEST_JUMP_M:g} m"
+            do = "give targets in metres; the A1 is known to reach -0.3 to 0.8 m and boxes up to 0.2 m"
+            raise InputError("jump target", f"x {x:g} m, z {z:g} m", expected, do)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ and the jump lands at its end; until the first knot the robot stands still. Betw
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -181,16 +181,10 @@ def is_same_robot(one: PlanarRobot, other: PlanarRobot) -> bool:
     """Whether joints are the same, and lengths and mass differ by no more than those of two models of one robot."""
     if set(one.joints) != set(other.joints):
         return False
-    lengths = np.array([[robot.wheelbase, *link_lengths(robot)] for robot in (one, other)])
-    return bool(
-        np.allclose(lengths[0], lengths[1], rtol=SAME_LENGTH)
-        and np.isclose(one.total_mass, other.total_mass, rtol=SAME_MASS)
-    )
-
-
-def link_lengths(robot: PlanarRobot) -> list[float]:
-    """Lengths of front thigh and calf and rear thigh and calf, m."""
-    return [link.length for leg in robot.legs for link in (leg.thigh, leg.calf)]
+    links = [[link.length for leg in robot.legs for link in (leg.thigh, leg.calf)] for robot in (one, other)]
+    lengths = np.array([[one.wheelbase, *links[0]], [other.wheelbase, *links[1]]])
+    same_mass = np.isclose(one.total_mass, other.total_mass, rtol=SAME_MASS)
+    return bool(np.allclose(lengths[0], lengths[1], rtol=SAME_LENGTH) and same_mass)
 
 
 def reference_to(
@@ -243,12 +237,8 @@ def read_targets(pairs: Any, where: str) -> list[Target]:
     for i, pair in enumerate(pairs):
         is_pair = isinstance(pair, Sequence) and not isinstance(pair, str) and len(pair) == 2
         if not (is_pair and all(is_number(value) for value in pair)):
-            raise InputError(
-                f"{where}[{i}]",
-                repr(pair),
-                "two finite numbers [x_m, z_m]",
-                "give distance and height in metres",
-            )
+            expected = "two finite numbers [x_m, z_m]"
+            raise InputError(f"{where}[{i}]", repr(pair), expected, "give distance and height in metres")
         targets.append(Target(float(pair[0]), float(pair[1])))
     return targets
 
@@ -292,16 +282,8 @@ def write_references(solutions: Iterable[Solution], folder: Path, gains: Gains) 
         jump = to_jump(solution, gains)
         file = f"{jump.name}.parquet"
         write_log(jump, folder / file)
-        index.append(
-            {
-                "x_m": solution.problem.target.x_m,
-                "z_m": solution.problem.target.z_m,
-                "cost": solution.cost,
-                "max_violation": solution.max_violation,
-                "status": solution.status,
-                "file": file,
-            }
-        )
+        result = {name: getattr(solution, name) for name in ("cost", "max_violation", "status")}
+        index.append({**asdict(solution.problem.target), **result, "file": file})
     write_json(folder / INDEX, index)
 
 
@@ -317,7 +299,4 @@ def metrics(solutions: Iterable[Solution]) -> dict[str, dict[str, float] | float
 def timing(solutions: Iterable[Solution]) -> dict[str, dict[str, float]]:
     """Seconds and iterations of each reference, by its name; without the time to build the programme."""
     by_name = {name_of(solution.problem.target): solution for solution in solutions}
-    return {
-        "seconds": {name: solution.seconds for name, solution in by_name.items()},
-        "iterations": {name: solution.iterations for name, solution in by_name.items()},
-    }
+    return {part: {name: getattr(one, part) for name, one in by_name.items()} for part in ("seconds", "iterations")}

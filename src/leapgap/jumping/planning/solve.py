@@ -119,16 +119,13 @@ class Planner:
         return JumpNlp(self.grid, self.robot, self.weights, self.limits, self.boxes)
 
     @cached_property
-    def _nlp(self) -> dict[str, ca.SX]:
-        return {"x": self.programme.w, "f": self.programme.cost, "g": self.programme.g}
-
-    @cached_property
     def _cold(self) -> ca.Function:
         return self._solver(COLD)
 
     def _solver(self, ipopt: dict[str, Any], **derivatives: ca.Function) -> ca.Function:
         options: dict[str, Any] = {"print_time": False, "ipopt": ipopt, **derivatives}
-        return ca.nlpsol("solver", "ipopt", self._nlp, options)
+        nlp = {"x": self.programme.w, "f": self.programme.cost, "g": self.programme.g}
+        return ca.nlpsol("solver", "ipopt", nlp, options)
 
     @cached_property
     def _warm(self) -> ca.Function:
@@ -151,18 +148,16 @@ class Planner:
         self.prepare()
         start = time.perf_counter()
         if near is not None:
-            warm = self._continue(problem, near, start)
+            warm = self.continue_from(problem, near, start)
             if warm.solved:
                 return warm
         return self._run(self._cold, problem, self._first_guess, start)
 
-    def continue_from(self, problem: Problem, near: Solution) -> Solution:
+    def continue_from(self, problem: Problem, near: Solution, since: float | None = None) -> Solution:
         """Plan a jump from ``near`` alone: it stays on that plan's branch, or is not solved."""
         self.prepare()
-        return self._continue(problem, near, time.perf_counter())
-
-    def _continue(self, problem: Problem, near: Solution, since: float) -> Solution:
-        return self._run(self._warm, problem, near.iterate.with_rows(len(self.programme.row_labels)), since)
+        start = near.iterate.with_rows(len(self.programme.row_labels))
+        return self._run(self._warm, problem, start, time.perf_counter() if since is None else since)
 
     def obstacle(self, problem: Problem) -> Violation:
         """The constraint that prevents a jump: the one violated most by a plan without motor limits."""
