@@ -15,8 +15,7 @@ from leapgap.jumping.experiments.goal_directed_jump import (
     LandingSamples,
 )
 from leapgap.jumping.experiments.method import JumpTask
-from leapgap.jumping.experiments.methods.goal_practised_mpc import GoalMpcMethod
-from leapgap.jumping.experiments.methods.practised_mpc import round_trials
+from leapgap.jumping.experiments.methods.mpc import GoalMpcMethod, round_trials
 from leapgap.jumping.experiments.rig import Bench
 from leapgap.jumping.experiments.settings import GoalOffsets, PracticeRounds
 from leapgap.jumping.experiments.trial import TrialResult

@@ -9,8 +9,8 @@ import pytest
 
 from leapgap.jumping.experiments.goal_directed_jump import LandingSamples
 from leapgap.jumping.experiments.method import MpcMethod
-from leapgap.jumping.experiments.methods import practised_mpc
-from leapgap.jumping.experiments.methods.practised_mpc import Practised, Round, judged, practise
+from leapgap.jumping.experiments.methods import mpc
+from leapgap.jumping.experiments.methods.mpc import Practised, Round, judged, practise
 from leapgap.jumping.experiments.rig import Bench, TrialRunner
 from leapgap.jumping.experiments.settings import LearnedMpcConfig, PracticeRounds
 from leapgap.jumping.experiments.trial import TrialSpec
@@ -64,9 +64,9 @@ def test_a_model_whose_landings_are_not_as_predicted_is_not_kept(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, predicted: list[float], kept: int
 ) -> None:
     shown = iter([Round(1, 1.0, cm, 0.0) for cm in predicted])
-    monkeypatch.setattr(practised_mpc, "judged", lambda *_: next(shown))
-    monkeypatch.setattr(practised_mpc, "deviating_jump", lambda *_: None)
-    monkeypatch.setattr(practised_mpc, "deviation_recipes", lambda: {"deviation_kernel": Counting()})
+    monkeypatch.setattr(mpc, "judged", lambda *_: next(shown))
+    monkeypatch.setattr(mpc, "deviating_jump", lambda *_: None)
+    monkeypatch.setattr(mpc, "deviation_recipes", lambda: {"deviation_kernel": Counting()})
     monkeypatch.setattr(TrialSpec, "run", lambda trial: FAST)
     config = replace(CONFIG, practice=replace(CONFIG.practice, rounds=3, trusted_cm=5.0))
     bench = replace(bench, runner=Quick())  # type: ignore[arg-type]

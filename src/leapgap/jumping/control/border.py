@@ -17,13 +17,7 @@ from leapgap.robot.topology import PAIRS
 from leapgap.simulation.controller import Command, StateEstimate
 
 TIME_NOT_USABLE = "time not usable"
-LARGEST = {
-    "base_position": 1e4,
-    "base_velocity": 1e2,
-    "base_angular_velocity": 1e3,
-    "joint_pos": 1e2,
-    "joint_vel": 1e4,
-}
+LARGEST = {"base_position": 1e4, "base_velocity": 1e2, "base_angular_velocity": 1e3, "joint_pos": 1e2, "joint_vel": 1e4}
 """Largest absolute value that can have been measured: m, m/s, rad/s, rad, rad/s."""
 QUATERNION_NORMS = (0.9, 1.1)
 LONGEST_GAP_S = 1.0  # Longest time between two ticks that follow each other

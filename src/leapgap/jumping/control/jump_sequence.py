@@ -41,7 +41,6 @@ class LandingConfig:
     demands: SolutionRequirements = field(default_factory=SolutionRequirements)
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing."""
         lengths = (self.step_s, self.duration_s, self.height_m, self.force_weight)
         if self.steps < 1 or not all(0 < one < np.inf for one in lengths):
             raise ValueError("steps of 1 or more, and step_s, duration_s, height_m, force_weight finite and above 0")
@@ -161,7 +160,6 @@ class SequenceConfig:
     settle_gains: JointGains = field(default_factory=lambda: JointGains(100.0, 3.0))
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing."""
         times = (self.earliest_touch_s, self.latest_touch_s, self.confirm_s)
         if not (all(0 <= one < np.inf for one in times) and 0 < self.settle_s < np.inf):
             raise ValueError("earliest_touch_s, latest_touch_s, confirm_s finite and not below 0, settle_s above 0")

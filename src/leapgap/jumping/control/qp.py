@@ -226,7 +226,6 @@ class SolutionRequirements:
     """Largest dual residual, relative to the problem's gradient; a badly conditioned problem fails here."""
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing."""
         if not (self.deadline_s is None or self.deadline_s >= 0):
             raise ValueError("deadline_s not below 0, or none")
         if not (self.primal_tolerance_n > 0 and self.relative_dual_tolerance > 0):

@@ -88,7 +88,6 @@ class CollectSettings:
     course: Course = field(default_factory=Course)
 
     def __post_init__(self) -> None:
-        """Refuse numbers that mean nothing."""
         if self.jumps < 1:
             raise ValueError(f"jumps {self.jumps}: 1 or more")
 

@@ -14,7 +14,7 @@ from leapgap.effects.base import Effect
 from leapgap.errors import InputError, did_you_mean
 from leapgap.jumping.experiments import methods
 from leapgap.jumping.experiments.method import JumpTask, References, crouch
-from leapgap.jumping.experiments.methods.practised_mpc import PractisedMpcSettings
+from leapgap.jumping.experiments.methods.mpc import PractisedMpcSettings
 from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig, TrialRunner
 from leapgap.jumping.experiments.settings import LandSettings
 from leapgap.jumping.experiments.trial import TrialResult, TrialSetup, TrialSpec
@@ -228,7 +228,6 @@ class LandingExperiment:
     rounded: RigidBody | None = None  # Mass and inertia of the robot, rounded as in its configuration
 
     def __post_init__(self) -> None:
-        """Refuse unknown names, and a robot that cannot jump, before any work starts."""
         planar_robot(self.robot)
         self.hardware  # noqa: B018 (refuses unknown hardware)
         for name, number in self.repeats.items():

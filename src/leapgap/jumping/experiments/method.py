@@ -69,7 +69,6 @@ class JumpTask:
     """Times since the start of the jump, one of which is drawn for a kick or a push."""
 
     def __post_init__(self) -> None:
-        """Refuse a task without a jump."""
         if self.jumps < 1:
             raise ValueError(f"jumps {self.jumps}: 1 or more")
 

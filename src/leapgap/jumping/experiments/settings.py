@@ -44,7 +44,6 @@ class PracticeRounds:
     the round whose landings were predicted best."""
 
     def __post_init__(self) -> None:
-        """Refuse a practice from which nothing can be learned."""
         if self.first_jumps < 1 or self.rounds < 0 or not self.distances_m:
             raise ValueError(
                 "one distance, and one jump to each of them by the nominal MPC, or more; rounds not below 0"
@@ -103,7 +102,6 @@ class PracticeConfig:
     aim: AimConfig = field(default_factory=AimConfig)
 
     def __post_init__(self) -> None:
-        """Refuse a practice from which nothing can be learned."""
         if self.identify_jumps < 1 or self.random_jumps < 1 or min(self.rounds, default=0) < 0:
             jumps = f"identify_jumps {self.identify_jumps}, random_jumps {self.random_jumps}"
             raise ValueError(f"{jumps}, rounds {list(self.rounds)}: 1 or more, 1 or more, 0 or more each")

@@ -8,11 +8,7 @@ import numpy as np
 
 from leapgap import effects as effects_by_name
 from leapgap.effects.base import Effect
-from leapgap.jumping.experiments.goal_directed_jump import (
-    JumpPlanner,
-    LandingModel,
-    LandingSamples,
-)
+from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner, LandingModel, LandingSamples
 from leapgap.jumping.experiments.goal_shift_jump import ShiftedJumps
 from leapgap.jumping.experiments.identification import CONTACT_PARAMETERS, identify_effects_config
 from leapgap.jumping.experiments.method import AimingMethod, JumpTask

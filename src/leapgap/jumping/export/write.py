@@ -19,7 +19,7 @@ from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump
 from leapgap.jumping.experiments.landing_experiment import RUNS, LandingExperiment, print_trial
 from leapgap.jumping.experiments.method import JumpTask
-from leapgap.jumping.experiments.methods.goal_practised_mpc import GoalMpcJump
+from leapgap.jumping.experiments.methods.mpc import GoalMpcJump
 from leapgap.jumping.experiments.rig import TrialRunner
 from leapgap.jumping.export.tables import ControllerTables, force_tables_of, tables_of
 from leapgap.jumping.learning.onnx_graph import serialise_landing
@@ -45,7 +45,6 @@ class ExportSettings:
     out: str | None
 
     def __post_init__(self) -> None:
-        """Refuse what is no jump before the robot practises for minutes."""
         if len(self.target) != 2 or not all(map(math.isfinite, self.target)):
             raise ValueError(f"target {list(self.target)}: x and z of the landing, two numbers, m")
         Problem(Target(*self.target))  # refuses what is beyond all jumps

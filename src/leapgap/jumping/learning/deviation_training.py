@@ -8,8 +8,8 @@ import lightning
 import numpy as np
 import torch
 
-from leapgap.jumping.learning.models.deviation_kernel import mode_of, places
-from leapgap.jumping.learning.models.deviation_networks import DeviationNetworks
+from leapgap.jumping.learning.models.kernel import mode_of, places
+from leapgap.jumping.learning.models.residual_networks import DeviationNetworks
 from leapgap.jumping.learning.recipe import Fitting
 from leapgap.jumping.learning.training import EmptySteps, Networks, optimiser_of, silence_advice
 from leapgap.jumping.learning.window_extraction import BALLISTIC_S, DeviatingJump

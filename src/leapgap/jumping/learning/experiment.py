@@ -91,7 +91,6 @@ class TrainConfig:
     """What receives the losses along the trainings besides ``curves.csv``; no result depends on it."""
 
     def __post_init__(self) -> None:
-        """Refuse numbers that mean nothing, before any work."""
         for name in ("folds", "steps_an_epoch", "threads", "processes"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} {getattr(self, name)}: 1 or more")

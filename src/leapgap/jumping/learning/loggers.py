@@ -23,7 +23,6 @@ class LoggerConfig:
     """Outside the output folder, since the files hold times and would make equal results unequal."""
 
     def __post_init__(self) -> None:
-        """Refuse a name that is not known."""
         if self.name != "csv" and self.name not in LOGGERS:
             raise ValueError(f"logger {self.name}: one of csv, {', '.join(LOGGERS)}")
 

@@ -12,14 +12,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.learning import loggers
-from leapgap.jumping.learning.experiment import (
-    Split,
-    TrainConfig,
-    fit_task,
-    fit_uncertainty,
-    folds,
-    sessions,
-)
+from leapgap.jumping.learning.experiment import Split, TrainConfig, fit_task, fit_uncertainty, folds, sessions
 from leapgap.jumping.learning.model_files import read_npz, write_csv
 from leapgap.jumping.learning.recipe import ModelRecipe, ModelSettings
 from leapgap.jumping.learning.store import StoredModel, export_model, find_recipe, load, recipes, save

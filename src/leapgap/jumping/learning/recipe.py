@@ -55,7 +55,6 @@ class Fitting:
     loss: str = "mean"  # Of squared errors over windows, steps and components: ``mean``, or ``sum`` as published
 
     def __post_init__(self) -> None:
-        """Refuse numbers that mean nothing, before any work."""
         if self.steps < 1:
             raise ValueError("steps of 1 or more")
         if not (0 < self.learning_rate < math.inf and 0 <= self.dropout < 1):

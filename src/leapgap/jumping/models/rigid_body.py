@@ -31,7 +31,6 @@ class RigidBody:
     """Composite inertia of trunk and legs about the centre of mass, about y, in one pose of the legs."""
 
     def __post_init__(self) -> None:
-        """Refuse a body without mass or inertia; infinite ones are bodies that no force moves or turns."""
         if not (self.mass_kg > 0 and self.pitch_inertia_kgm2 > 0):
             raise ValueError(f"mass_kg {self.mass_kg} and pitch_inertia_kgm2 {self.pitch_inertia_kgm2}: above 0")
 

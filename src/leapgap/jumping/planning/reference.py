@@ -88,9 +88,7 @@ def motion(solution: Solution, time: np.ndarray) -> tuple[np.ndarray, np.ndarray
     slope[-1] = plan.v[-1] + (plan.v[-1] - plan.v[-2]) / 2
     stand = plan.q[:1]
     curve = CubicHermiteSpline(
-        np.concatenate([[0.0], knots]),
-        np.concatenate([stand, plan.q]),
-        np.concatenate([0 * stand, slope]),
+        np.concatenate([[0.0], knots]), np.concatenate([stand, plan.q]), np.concatenate([0 * stand, slope])
     )
     return curve(time), curve(time, 1)
 

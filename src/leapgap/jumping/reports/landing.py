@@ -244,12 +244,7 @@ def panels(tasks: Sequence[str]) -> go.Figure:
     rows = -(-len(tasks) // 4)
     titles = [wrap_title(TASKS.get(task, task)) for task in tasks]
     return make_subplots(
-        rows=rows,
-        cols=4,
-        subplot_titles=titles,
-        shared_yaxes=True,
-        horizontal_spacing=0.015,
-        vertical_spacing=0.16,
+        rows=rows, cols=4, subplot_titles=titles, shared_yaxes=True, horizontal_spacing=0.015, vertical_spacing=0.16
     )
 
 

@@ -124,13 +124,7 @@ def log_predicted_base(
     time = actor.jump.time
     for part in COMPONENTS:
         if part in components(actor.jump):
-            log_plot(
-                to,
-                f"base/{part.key}/{TRUTH}",
-                time,
-                [Curve(TRUTH, actor.colour, part.of(actor.jump))],
-                width=2.5,
-            )
+            log_plot(to, f"base/{part.key}/{TRUTH}", time, [Curve(TRUTH, actor.colour, part.of(actor.jump))], width=2.5)
         for model, colour in colours.items():
             shown = min(by_model[model], key=lambda roll_out: abs(roll_out.start_s - window_start_s))
             curve = Curve(model, colour, shown.values[part.key])
