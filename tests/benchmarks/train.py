@@ -22,7 +22,7 @@ from omegaconf import OmegaConf
 
 from leapgap.jumping.learning import store, training
 from leapgap.jumping.learning import windows as windows_module
-from leapgap.jumping.learning.experiment import TrainConfig, fit_task, train_on_all
+from leapgap.jumping.learning.experiment import Split, TrainConfig, fit_task
 from leapgap.jumping.learning.model import Nominal
 from leapgap.jumping.learning.models.residual_networks import PublishedRecipeConfig, initial_published_networks
 from leapgap.jumping.learning.network import NetworkModel
@@ -92,7 +92,7 @@ def published_start(windows: Windows, config: TrainConfig) -> NetworkModel:
 
 def fit_seconds(windows: Windows, config: TrainConfig) -> dict[str, float]:
     """Wall seconds of fitting each configured model on all jumps, torch already imported."""
-    split, seconds = train_on_all(windows.jumps), {}
+    split, seconds = Split(windows.jumps), {}
     with tempfile.TemporaryDirectory() as place:
         for name in config.models:
             task = fit_task(config, split, name, windows, windows.of_jumps([]), Path(place), Path(place) / f".{name}")

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from leapgap.effects import effect
-from leapgap.jumping.experiments.identification import CONTACT_PARAMETERS, identify_effects
-from leapgap.jumping.experiments.training_jumps import difference
+from leapgap.jumping.experiments.identification import CONTACT_PARAMETERS, difference, identify_effects
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.open_loop import Course, MotionPlan, run_open_loop
