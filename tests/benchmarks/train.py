@@ -92,7 +92,7 @@ def published_start(windows: Windows, config: TrainConfig) -> NetworkModel:
 
 def fit_seconds(windows: Windows, config: TrainConfig) -> dict[str, float]:
     """Wall seconds of fitting each configured model on all jumps, torch already imported."""
-    split, seconds = Split(windows.jumps), {}
+    split, seconds = Split("all", windows.jumps, ()), {}
     with tempfile.TemporaryDirectory() as place:
         for name in config.models:
             task = fit_task(config, split, name, windows, windows.of_jumps([]), Path(place), Path(place) / f".{name}")
