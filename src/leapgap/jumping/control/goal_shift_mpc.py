@@ -26,12 +26,11 @@ from leapgap.jumping.control.qp import Qp
 from leapgap.jumping.control.shifted_plan import (
     DEVIATIONS,
     GOAL_AXES,
-    EffortLimits,
-    Efforts,
     ShiftedPlan,
     ShiftGrid,
-    efforts_of,
 )
+from leapgap.logs.pair_force import FORCE_X, FORCE_Z
+from leapgap.robot.topology import PAIRS
 
 RECENT = 5
 """Number of updates before an update of which all but the last are compared with it: a push that began just before the
@@ -183,6 +182,59 @@ class GoalShiftConfig:
     average_s: float = 0.01  # Time over which the measured deviation from the plan is averaged
 
 
+BEFORE_NEXT_S = 0.002  # The last sample of a step is this long before its end
+
+
+@dataclass(frozen=True)
+class Efforts:
+    """The m limits of the steps of one horizon, each at a sample of a step.
+
+    slope · shift of its step − soft · slack ≤ room, which depends on how far goal and stance were moved before.
+    ``axes`` are those of the plan. Forces are limited where the plan itself pushes.
+    """
+
+    step: np.ndarray  # Step of the horizon, int, (m,)
+    slope: np.ndarray  # Change of the effort by goal and stance, (m, axes)
+    soft: np.ndarray  # (m,)
+    distance: np.ndarray  # Distance of the plan itself to the limit, (m,)
+
+    def room(self, change: np.ndarray) -> np.ndarray:
+        """Distance to the limit where goal and stance were changed (axes,), (m,)."""
+        return self.distance - self.slope @ change
+
+
+def efforts_of(plan: ShiftedPlan, grid: ShiftGrid, edges: np.ndarray, config: GoalShiftConfig) -> Efforts:
+    """The limits of a horizon whose steps begin and end at the updates ``edges`` (steps + 1,)."""
+    reference = plan.reference
+    # Left and right legs have equal torques: one of each is enough.
+    joints = np.unique(reference.torque, axis=1, return_index=True)[1]
+    first, last = grid.period_s * edges[:-1], grid.period_s * edges[1:]
+    times = np.stack([first, (first + last) / 2, last - BEFORE_NEXT_S], axis=1)
+    parts: list[tuple[np.ndarray, ...]] = []
+    for step, rows in enumerate(reference.rows(times)):
+        force, force_slope = reference.force[rows], plan.slopes["force"][:, rows]
+        torque, torque_slope = reference.torque[rows], plan.slopes["torque"][:, rows]
+        stands = reference.schedule.in_contact(rows * reference.period_s)
+        for pair in range(len(PAIRS)):
+            on = stands[:, pair] & (force[:, FORCE_Z][:, pair] > config.limits.smallest_n)
+            x, z = (force[on][:, axis][:, pair] for axis in (FORCE_X, FORCE_Z))
+            dx, dz = (force_slope[:, on][:, :, axis][:, :, pair].T for axis in (FORCE_X, FORCE_Z))
+            friction, smallest_n, largest_n = config.limits.friction, config.limits.smallest_n, config.limits.largest_n
+            for excess, slope in (
+                (x - friction * z, dx - friction * dz),
+                (-x - friction * z, -dx - friction * dz),
+                (z - largest_n, dz),
+                (smallest_n - z, -dz),
+            ):
+                parts.append((np.full(len(z), step), slope, np.full(len(z), config.soft_effort[0]), -excess))
+        for sign in (1.0, -1.0):
+            distance = (config.torque_nm - sign * torque[:, joints]).ravel()
+            slope = sign * torque_slope[:, :, joints].reshape(plan.axes, -1).T
+            count = len(distance)
+            parts.append((np.full(count, step), slope, np.full(count, config.soft_effort[1]), distance))
+    return Efforts(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
 @dataclass(frozen=True)
 class UpdateBasis:
     """What the QP of one update has in common for all goals and stances that the plan is moved to."""
@@ -289,8 +341,7 @@ class GoalShiftPlanner:
         hessian[shifts:, shifts:] = np.diag([config.slack_weight] * SLACKS)
         landing = np.zeros((3, len(hessian)))
         landing[:2, PITCH - SLACKS], landing[2, HEIGHT - SLACKS] = (-soft for soft in config.soft_landing)
-        limits = EffortLimits(config.limits, config.torque_nm, config.soft_effort)
-        efforts = efforts_of(self.plan, self.grid, edges, limits)
+        efforts = efforts_of(self.plan, self.grid, edges, config)
         rows = np.zeros((len(efforts.step), len(hessian)))
         for axis in range(GOAL_AXES):
             rows[np.arange(len(rows)), GOAL_AXES * efforts.step + axis] = efforts.slope[:, axis]

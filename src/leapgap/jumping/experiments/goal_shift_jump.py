@@ -11,19 +11,17 @@ import numpy as np
 from leapgap.jumping.control.goal_shift_jump import LateStance, ShiftTracker
 from leapgap.jumping.control.goal_shift_mpc import CalmMotion, GoalShiftConfig
 from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, ShiftedPlan, differences
-from leapgap.jumping.control.tracking import JumpController, PhaseGains, Reference
+from leapgap.jumping.control.tracking import JumpController, Reference
 from leapgap.jumping.experiments.goal_directed_jump import (
     GoalChoice,
     GoalDirectedJump,
     JumpPlanner,
     LandingModel,
-    best_goal,
     target_pose,
 )
-from leapgap.jumping.experiments.method import JumpTask, Method
+from leapgap.jumping.experiments.method import JumpTask, Method, goal_choice
 from leapgap.jumping.planning.reference import Gains, to_jump
 from leapgap.jumping.planning.solve import Solution, landing_goal
-from leapgap.jumping.task import Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate
 
@@ -273,26 +271,15 @@ NEIGHBOUR_STEPS = (0.05, 0.04, 0.08)
 """Distance of the neighbouring goals that slopes are taken from: x, z, pitch; m, m, rad."""
 
 
-@dataclass(frozen=True)
-class ShiftSettings:
-    """What a goal-shift jump needs beyond a goal-directed one."""
-
-    config: GoalShiftConfig = field(default_factory=GoalShiftConfig)
-    feedback: LandingFeedback | None = None  # None: the goal is not shifted, but for exploration
-    exploration: np.ndarray | None = None  # Added to the shifts, (updates, 3), m, m, rad
-
-
 class GoalShiftJump(GoalDirectedJump):
     """Plans to a goal and to its neighbours from the measured stance, then jumps with goal-shift MPC.
 
     ``shift_tracker`` holds what was shifted and measured; it is None where there were no neighbouring plans.
     """
 
-    def __init__(
-        self, choice: GoalChoice, first: Reference, robot: Robot, gains: PhaseGains, settings: ShiftSettings
-    ) -> None:
-        super().__init__(choice, first, robot, gains)
-        self.settings = settings
+    def __init__(self, choice: GoalChoice, first: Reference, method: "GoalShiftMethod") -> None:
+        super().__init__(choice, first, method.robot, method.gains)
+        self.settings = method
         self.shift_tracker: ShiftTracker | None = None
 
     def track(self, solution: Solution | None) -> JumpController:
@@ -383,7 +370,7 @@ class GoalShiftMethod(Method):
     """Goal-shift MPC along plans from the measured stance to the goal that the model says will land on the target."""
 
     planner: JumpPlanner | None = None
-    feedback: LandingFeedback | None = None
+    feedback: LandingFeedback | None = None  # None: the goal is not shifted, but for exploration
     config: GoalShiftConfig = field(default_factory=GoalShiftConfig)
     goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Added to each goal for exploration, (3,), m, m, rad."""
@@ -391,12 +378,5 @@ class GoalShiftMethod(Method):
 
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:
         """A jump that is planned after the stance was measured, and shifted on the way."""
-        assert self.planner is not None
         landing = None if self.feedback is None else self.feedback.landing
-
-        def aim(target: Target, stance_pitch: float) -> np.ndarray:
-            return best_goal(landing, target, stance_pitch) + self.goal_offset
-
-        settings = ShiftSettings(self.config, self.feedback, self.exploration)
-        choice = GoalChoice(task.target, self.planner, aim, task.stance_is_seen)
-        return GoalShiftJump(choice, reference, self.robot, self.gains, settings)
+        return GoalShiftJump(goal_choice(task, self.planner, landing, self.goal_offset), reference, self)

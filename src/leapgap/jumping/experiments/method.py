@@ -232,11 +232,26 @@ class AimingMethod(Method):
 
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:
         """A jump that is planned after the stance was measured."""
-        assert self.planner is not None
         offset = self.offset.get(task.name)
-
-        def aim(target: Target, stance_pitch: float) -> np.ndarray:
-            return best_goal(self.landing, target, stance_pitch, offset) + self.goal_offset
-
-        choice = GoalChoice(task.target, self.planner, aim, task.stance_is_seen, observation=self.observation)
+        choice = goal_choice(task, self.planner, self.landing, self.goal_offset, offset, self.observation)
         return GoalDirectedJump(choice, reference, self.robot, self.gains)
+
+
+def goal_choice(
+    task: JumpTask,
+    planner: JumpPlanner | None,
+    landing: LandingModel | None,
+    goal_offset: np.ndarray,
+    farther: np.ndarray | None = None,
+    observation: Observation | None = None,
+) -> GoalChoice:
+    """A task's jump to the goal that a landing model says will land on the target, and ``goal_offset`` (3,) beyond.
+
+    ``farther`` (3,) is how much farther than the model says its jumps have landed.
+    """
+    assert planner is not None
+
+    def aim(target: Target, stance_pitch: float) -> np.ndarray:
+        return best_goal(landing, target, stance_pitch, farther) + goal_offset
+
+    return GoalChoice(task.target, planner, aim, task.stance_is_seen, observation=observation or Observation())

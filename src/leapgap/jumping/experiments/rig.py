@@ -207,6 +207,7 @@ class Rig:
     body: RigidBody  # Rigid body that controllers assume for the nominal robot
     _prepared: dict[str, Method | None] = field(default_factory=dict)
     _locks: dict[str, Any] = field(default_factory=dict)  # Lock of each method, by its name
+    _plans: dict[PlanSource, Plans | None] = field(default_factory=dict)
     _plans_lock: Any = field(default_factory=threading.RLock)
 
     @property
@@ -231,35 +232,27 @@ class Rig:
 
     def plans(self, source: PlanSource) -> Plans | None:
         """Plans for the robot of a source; None, with a printed reason, where there are none."""
-        makers: dict[PlanSource, Callable[[], Plans | None]] = {
-            PlanSource.own: lambda: Plans(self.bench.references, self.body),
-            PlanSource.published: lambda: self._published,
-            PlanSource.corrected: lambda: self._corrected,
-        }
         with self._plans_lock:
-            return makers[source]()
+            if source not in self._plans:
+                self._plans[source] = self._plans_of(source)
+            return self._plans[source]
 
-    @cached_property
-    def _published(self) -> Plans | None:
-        """Plans for the published planar robot; the rigid body remains that of the nominal robot."""
-        if not is_same_robot(planar_robot(self.robot), PlanarRobot()):
-            print(f"no published plans are of {self.robot.path}: methods _published are left out", flush=True)
-            return None
-        folder, schedule = Path(self.settings.published), self.settings.schedule
-        found = {target: reference_to(target, folder, PlanarRobot(), schedule) for target in self.bench.references}
-        return Plans(found, self.body)
-
-    @cached_property
-    def _corrected(self) -> Plans | None:
-        """Plans for the robot that a diagnosis corrected, and its rigid body in the crouch in which they begin."""
-        self.settings.check_plans(PlanSource.corrected)
-        robot, found = read_corrected(Path(str(self.settings.corrected)))
+    def _plans_of(self, source: PlanSource) -> Plans | None:
+        settings, targets = self.settings, list(self.bench.references)
+        if source is PlanSource.own:
+            return Plans(self.bench.references, self.body)
+        if source is PlanSource.published:  # the rigid body remains that of the nominal robot
+            if not is_same_robot(planar_robot(self.robot), PlanarRobot()):
+                print(f"no published plans are of {self.robot.path}: methods _published are left out", flush=True)
+                return None
+            folder, schedule = Path(settings.published), settings.schedule
+            return Plans({one: reference_to(one, folder, PlanarRobot(), schedule) for one in targets}, self.body)
+        settings.check_plans(source)
+        robot, found = read_corrected(Path(str(settings.corrected)))
         left_out = unplannable_effects(found)
         if left_out:
             print(f"no plan can reckon with {', '.join(left_out)}: methods _corrected are left out", flush=True)
             return None
-        planar = planar_robot_with(robot, found)
-        targets, schedule = list(self.bench.references), self.settings.schedule
-        plan = partial(plan_reference, planar=planar, schedule=schedule)
+        plan = partial(plan_reference, planar=planar_robot_with(robot, found), schedule=settings.schedule)
         references = dict(zip(targets, self.bench.runner.map(plan, targets), strict=True))
         return Plans(references, body_with(robot, found, crouch(references, robot)))

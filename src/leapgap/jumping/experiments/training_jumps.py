@@ -10,7 +10,7 @@ from leapgap import effects as effects_by_name
 from leapgap.effects.base import Effect
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner, LandingModel, LandingSamples
 from leapgap.jumping.experiments.goal_shift_jump import ShiftedJumps
-from leapgap.jumping.experiments.identification import CONTACT_PARAMETERS, identify_effects_config
+from leapgap.jumping.experiments.identification import identify_effects_config
 from leapgap.jumping.experiments.method import AimingMethod, JumpTask
 from leapgap.jumping.experiments.rig import Bench
 from leapgap.jumping.experiments.settings import GoalOffsets, PracticeConfig
@@ -39,65 +39,58 @@ class PracticeResult:
     logs: tuple[Log, ...] = ()  # The jumps that the effects were identified from
 
 
-@dataclass(frozen=True)
-class PracticeDraws:
-    """Draws the tasks of training jumps, all with one generator."""
+def run_practice(bench: Bench, method: AimingMethod, config: PracticeConfig, folder: str = SHARED) -> PracticeResult:
+    """Make all training jumps: identify the joints' effects, then collect samples for the landing model.
 
-    bench: Bench
-    config: PracticeConfig
-    rng: np.random.Generator
-    folder: str = SHARED
+    Methods that practise alike share a ``folder``, and so their jumps; all share those for the identification.
+    """
+    rng = np.random.default_rng([bench.seed, 7])
 
-    def trials(
-        self, name: str, jumps: int, method: AimingMethod, offsets: GoalOffsets, with_log: bool = False
-    ) -> list[TrialSpec]:
-        """Trials of a method at random tasks, with random offsets of their goals."""
-        bench, config, rng = self.bench, self.config, self.rng
+    def trials(name: str, jumps: int, offsets: GoalOffsets, own: str, with_log: bool = False) -> list[TrialSpec]:
+        """Trials of the method at random tasks, with random offsets of their goals."""
         drawn = []
         for i in range(jumps):
             block = config.block_m if i % 2 else (0.0, 0.0)
             distance_m = round(float(rng.uniform(*config.distance_m)), 3)
             task = JumpTask(name, distance_m, block_m=block, slope_rad=config.slope_rad)
-            own = replace(method, goal_offset=offsets.draw(rng), references={task.target: bench.level})
-            place, seed = f"{bench.hardware}/{self.folder}/{name}_{i:02d}", int(rng.integers(2**31))
-            drawn.append(TrialSpec(place, task, own, bench.level, bench.effects, bench.world, seed, with_log))
+            moved = replace(method, goal_offset=offsets.draw(rng), references={task.target: bench.level})
+            place, seed = f"{bench.hardware}/{own}/{name}_{i:02d}", int(rng.integers(2**31))
+            drawn.append(TrialSpec(place, task, moved, bench.level, bench.effects, bench.world, seed, with_log))
         return drawn
 
+    made = bench.runner.results(trials("identify", config.identify_jumps, GoalOffsets(), SHARED, with_log=True))
+    logs = tuple(result.log for result in made if result.log is not None)
+    found, samples = identify_on(bench, logs), LandingSamples()
+    method = replace(method, planner=planner_with(bench, method, found, config))
+    upright: list[ShiftedJumps] = []
+    for number, jumps in enumerate((config.random_jumps, *config.rounds)):
+        method = replace(method, landing=LandingModel(samples, config.aim) if len(samples) else None)
+        offsets = config.later_beyond if number else config.random_beyond
+        for result in bench.runner.results(trials(f"round_{number}", jumps, offsets, folder)):
+            samples = samples.extended_by(result.samples)
+            upright += [] if result.shifted is None else [result.shifted]
+    joined = ShiftedJumps.join(upright) if upright else None
+    assert method.planner is not None
+    return PracticeResult(method.planner, found, samples, joined, logs)
 
-@dataclass(frozen=True)
-class IdentifiedRobot:
-    """A planner for the robot with the effects that were identified in its joints."""
 
-    planner: JumpPlanner
-    effects: tuple[Effect, ...]
-    logs: tuple[Log, ...] = ()  # The jumps that they were identified from
-
-
-def identify_robot(draws: PracticeDraws, method: AimingMethod) -> IdentifiedRobot:
-    """Make the first jumps, identify the joints' effects from them, and plan for the robot that has them.
+def planner_with(bench: Bench, method: AimingMethod, found: Sequence[Effect], config: PracticeConfig) -> JumpPlanner:
+    """The method's planner for the robot that has the identified effects.
 
     Plans of different robots do not form one family. So the robot is chosen once: that with the largest share of the
     effects whose family reaches the ends of what is practised; where none does, that with all of the effects.
     """
-    bench, config = draws.bench, draws.config
-    # Methods that share this practice share these jumps.
-    trials = replace(draws, folder=SHARED).trials(
-        "identify", config.identify_jumps, method, GoalOffsets(), with_log=True
-    )
-    logs = [result.log for result in bench.runner.results(trials) if result.log is not None]
-    found = identify_joint_effects(bench, logs)
-    assert method.planner is not None
+    planner, robots = method.planner, []
+    assert planner is not None
     parts: list[tuple[Effect, Mapping[str, Any]]] = [(effect, effect.values) for effect in plannable(found)]
-    robots = []
     for share in (1.0, *FALLBACK_EFFECT_SHARES):
         scaled = [replace(one, **{name: share * value for name, value in values.items()}) for one, values in parts]
         robots.append(planar_robot_with(bench.robot, scaled))
     (near, far), high = config.distance_m, config.random_beyond.z_m[1]
     ends = [np.array(goal) for goal in ((near, 0.0, 0.0), (far, 0.0, 0.0), ((near + far) / 2, high, 0.0))]
-    planner = method.planner
     chosen = bench.runner.call(first_that_reaches, [replace(planner, robot=robot) for robot in robots], ends)
     robot, *fallback_robots = robots[chosen:]
-    return IdentifiedRobot(replace(planner, robot=robot, fallback_robots=tuple(fallback_robots)), found, tuple(logs))
+    return replace(planner, robot=robot, fallback_robots=tuple(fallback_robots))
 
 
 def first_that_reaches(planners: Sequence[JumpPlanner], ends: Sequence[np.ndarray]) -> int:
@@ -105,37 +98,8 @@ def first_that_reaches(planners: Sequence[JumpPlanner], ends: Sequence[np.ndarra
     return next((i for i, planner in enumerate(planners) if planner.reaches(ends)), 0)
 
 
-def run_practice(bench: Bench, method: AimingMethod, config: PracticeConfig, folder: str = SHARED) -> PracticeResult:
-    """Make all training jumps: identify the joints' effects, then collect samples for the landing model.
-
-    Methods that practise alike share a ``folder``, and so their jumps.
-    """
-    draws = PracticeDraws(bench, config, np.random.default_rng([bench.seed, 7]), folder)
-    identified = identify_robot(draws, method)
-    method, samples = replace(method, planner=identified.planner), LandingSamples()
-    upright: list[ShiftedJumps] = []
-    for number, jumps in enumerate((config.random_jumps, *config.rounds)):
-        landing = LandingModel(samples, config.aim) if len(samples) else None
-        offsets = config.later_beyond if number else config.random_beyond
-        for result in bench.runner.results(
-            draws.trials(f"round_{number}", jumps, replace(method, landing=landing), offsets)
-        ):
-            samples = samples.extended_by(result.samples)
-            upright += [] if result.shifted is None else [result.shifted]
-    joined = ShiftedJumps.join(upright) if upright else None
-    return PracticeResult(identified.planner, identified.effects, samples, joined, identified.logs)
-
-
-def identify_joint_effects(bench: Bench, logs: Sequence[Log]) -> tuple[Effect, ...]:
-    """Effects in the joints by the logs, from the cache of the bench where they are there."""
-    place = f"{bench.hardware}/practice/identified"
-    found = bench.runner.value(place, identify_effects_config, list(logs), bench.robot, DATA_SHEET)
-    return effects_by_name.from_config(found["effects"])
-
-
-def identify_contact_effects(bench: Bench, logs: Sequence[Log], folder: str) -> tuple[Effect, ...]:
-    """The same with the softness of the feet, for simulations; ``folder`` is that of the method's practice."""
+def identify_on(bench: Bench, logs: Sequence[Log], folder: str = SHARED, *fitted: Any) -> tuple[Effect, ...]:
+    """Effects by the logs, those in the joints unless others are ``fitted``; from the cache where they are there."""
     place = f"{bench.hardware}/{folder}/identified"
-    fitted = CONTACT_PARAMETERS
-    found = bench.runner.value(place, identify_effects_config, list(logs), bench.robot, DATA_SHEET, fitted)
+    found = bench.runner.value(place, identify_effects_config, list(logs), bench.robot, DATA_SHEET, *fitted)
     return effects_by_name.from_config(found["effects"])

@@ -21,6 +21,7 @@ from leapgap.jumping.experiments.goal_shift_jump import (
     learn_calm,
     learn_change,
 )
+from leapgap.jumping.experiments.identification import CONTACT_PARAMETERS
 from leapgap.jumping.experiments.method import AimingMethod, JumpTask, Method
 from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig
 from leapgap.jumping.experiments.simulated_shifts import ShiftSimulator, SimulatedShiftsConfig
@@ -28,7 +29,7 @@ from leapgap.jumping.experiments.training_jumps import (
     DATA_SHEET,
     SHARED,
     PracticeResult,
-    identify_contact_effects,
+    identify_on,
     run_practice,
 )
 from leapgap.jumping.experiments.trial import TrialSpec
@@ -129,7 +130,7 @@ class LearnedGoalMpcSettings(MethodSettings):
 
     def _simulated(self, bench: Bench, identified: PracticeResult, folder: str) -> tuple[KickedJumps, Authority]:
         """Kicked jumps of the identified robot and what shifts do to it, from the cache where they are there."""
-        effects = identify_contact_effects(bench, identified.logs, folder)
+        effects = identify_on(bench, identified.logs, folder, CONTACT_PARAMETERS)
         print(f"{bench.hardware}: simulated with {json.dumps(to_config(effects))}", flush=True)
         sensing = bench.world.sensing
         period = bench.level.info.sample_period_s

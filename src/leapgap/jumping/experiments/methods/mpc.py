@@ -17,9 +17,8 @@ from leapgap.jumping.experiments.goal_directed_jump import (
     JumpPlanner,
     LandingModel,
     LandingSamples,
-    best_goal,
 )
-from leapgap.jumping.experiments.method import AimingMethod, JumpTask, Method, MpcMethod, References
+from leapgap.jumping.experiments.method import AimingMethod, JumpTask, Method, MpcMethod, References, goal_choice
 from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig
 from leapgap.jumping.experiments.settings import GoalOffsets, LandSettings, LearnedMpcConfig, PlanSource, PracticeRounds
 from leapgap.jumping.experiments.training_jumps import DATA_SHEET, run_practice
@@ -308,12 +307,7 @@ class GoalMpcMethod(MpcMethod):
 
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:
         """A jump that is planned after the stance was measured."""
-        assert self.planner is not None
-
-        def aim(target: Target, stance_pitch: float) -> np.ndarray:
-            return best_goal(self.aimed, target, stance_pitch, self.farther) + self.goal_offset
-
-        return GoalMpcJump(GoalChoice(task.target, self.planner, aim, task.stance_is_seen), reference, self)
+        return GoalMpcJump(goal_choice(task, self.planner, self.aimed, self.goal_offset, self.farther), reference, self)
 
     def along(self, reference: Reference) -> JumpController:
         """The MPC along a plan, or joint PD before anything was learned; with the random forces of practice."""
