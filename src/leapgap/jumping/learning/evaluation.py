@@ -262,15 +262,10 @@ def jump_inputs(windows: Windows, jump: int, start: int) -> tuple[RolloutInputs,
     states = np.concatenate([windows.state[w, s], windows.state[last, -1:]])
     states[:, 0] = np.append(absolute[w, s], absolute[last, -1]) - absolute[w[0], s[0]]
     times = np.append(windows.time_s[w, s], windows.time_s[last, -1])
-    inputs = RolloutInputs(
-        state=states[:1],
-        force=windows.force[w, s][None],
-        foot=windows.foot[w, s][None],
-        contact=windows.contact[w, s][None],
-        time_s=times[None, :-1],
-        step_s=windows.step_s[w, s][None],
-        start=np.array([start]),
+    force, foot, contact, step_s = (
+        array[w, s][None] for array in (windows.force, windows.foot, windows.contact, windows.step_s)
     )
+    inputs = RolloutInputs(states[:1], force, foot, contact, times[None, :-1], step_s, np.array([start]))
     return inputs, times, states
 
 

@@ -13,7 +13,7 @@ from leapgap.jumping.learning import models
 from leapgap.jumping.learning.model import Model, ResidualModel
 from leapgap.jumping.learning.model_files import check_finite, is_finite, read_model, write_npz
 from leapgap.jumping.learning.recipe import DeviationRecipe, ModelRecipe, ModelSettings
-from leapgap.jumping.learning.windows import Purpose, RolloutInputs, TimeGrid
+from leapgap.jumping.learning.windows import Purpose, RolloutInputs
 from leapgap.jumping.models.affine_model import KNOWN
 from leapgap.registry import classes_by_name
 from leapgap.runtime.atomic_io import whole_file, write_json
@@ -109,29 +109,18 @@ def load(folder: Path, name: str) -> StoredModel:
     return read_model(folder, name, FORMAT_VERSION, stored_model, lambda about: model_class(about["kind"]).infinite)
 
 
-def check_predicts(model: Model, grid: TimeGrid) -> None:
-    """Raise ``ValueError`` for a model whose arrays do not fit together, by a prediction of one window of zeros."""
-    steps = grid.steps
-    zeros = np.zeros((1, steps))
-    window = RolloutInputs(
-        state=np.zeros((1, 6)),
-        force=np.zeros((1, steps, 4)),
-        foot=np.zeros((1, steps, 4)),
-        contact=np.arange(steps)[None] < steps // 2,
-        time_s=zeros,
-        step_s=zeros + grid.contact_step_s,
-        start=np.zeros(1, int),
-    )
-    found = model.predict(window).shape
-    if found != (1, steps + 1, 6):
-        raise ValueError(f"predictions of shape {found}")
-
-
 def stored_model(about: Mapping[str, Any], arrays: dict[str, np.ndarray]) -> StoredModel:
     """The model and its record from the content of its files."""
     model = model_class(about["kind"]).from_parts(arrays, about["settings"])
     purpose = Purpose.from_json(about)
-    check_predicts(model, purpose.grid)
+    # Arrays that do not fit together show in the prediction of one window of zeros.
+    steps, contact = purpose.grid.steps, np.arange(purpose.grid.steps)[None] < purpose.grid.steps // 2
+    times, of_step = np.zeros((1, steps)), np.zeros((1, steps, 4))
+    lengths = times + purpose.grid.contact_step_s
+    window = RolloutInputs(np.zeros((1, 6)), of_step, of_step, contact, times, lengths, np.zeros(1, int))
+    found = model.predict(window).shape
+    if found != (1, steps + 1, 6):
+        raise ValueError(f"predictions of shape {found}")
     return StoredModel(model, purpose, tuple(about["trained_on"]), about["key"])
 
 

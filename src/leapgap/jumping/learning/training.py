@@ -43,17 +43,10 @@ class Batch:
         """Windows on a device in single precision; of several devices each takes its ``part``."""
         inputs, order = windows.inputs, np.argsort(windows.start, kind="stable")[part]
 
-        def tensor(array: np.ndarray) -> torch.Tensor:
-            return torch.tensor(array[order], dtype=torch.float32, device=device)
-
-        return Batch(
-            tensor(windows.state),
-            tensor(inputs.force),
-            tensor(inputs.foot),
-            tensor(inputs.time_s),
-            tensor(inputs.step_s),
-            inputs.contact[order].sum(axis=0).tolist(),
-        )
+        arrays = (windows.state, inputs.force, inputs.foot, inputs.time_s, inputs.step_s)
+        state, *acting = (torch.tensor(array[order], dtype=torch.float32, device=device) for array in arrays)
+        force, foot, time_s, step_s = acting
+        return Batch(state, force, foot, time_s, step_s, inputs.contact[order].sum(axis=0).tolist())
 
 
 class Networks(torch.nn.ModuleDict):

@@ -298,15 +298,8 @@ class Transitions:
 
     def at(self, which: np.ndarray) -> "Transitions":
         """Some of them, by mask or by index."""
-        return Transitions(
-            self.situation.at(which),
-            self.force[which],
-            self.contact[which],
-            self.step_s[which],
-            self.step[which],
-            self.jump[which],
-            self.increment[which],
-        )
+        arrays = {name: array[which] for name, array in vars(self).items() if name != "situation"}
+        return Transitions(self.situation.at(which), **arrays)
 
 
 def steps_of(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
@@ -322,12 +315,6 @@ def extract_transitions(windows: Windows) -> Transitions:
     inputs = windows.inputs
     w, k = steps_of(windows)
     state = windows.state[w, k]
-    return Transitions(
-        Situation(state, inputs.foot[w, k], inputs.time_s[w, k], windows.state[w, 0]),
-        inputs.force[w, k],
-        inputs.contact[w, k],
-        inputs.step_s[w, k],
-        windows.start[w] + k,
-        windows.jump[w],
-        windows.state[w, k + 1] - state,
-    )
+    situation = Situation(state, inputs.foot[w, k], inputs.time_s[w, k], windows.state[w, 0])
+    acting = inputs.force[w, k], inputs.contact[w, k], inputs.step_s[w, k]
+    return Transitions(situation, *acting, windows.start[w] + k, windows.jump[w], windows.state[w, k + 1] - state)

@@ -272,12 +272,8 @@ def mean_leg(legs: Sequence[PlanarLeg]) -> PlanarLeg:
     def link(links: Sequence[PlanarLink]) -> PlanarLink:
         return PlanarLink(*(mean([getattr(each, part) for each in links]) for part in PlanarLink.__dataclass_fields__))
 
-    return PlanarLeg(
-        mean([leg.hip_x for leg in legs]),
-        mean([leg.hip_z for leg in legs]),
-        link([leg.thigh for leg in legs]),
-        link([leg.calf for leg in legs]),
-    )
+    hip_x, hip_z = (mean([getattr(leg, part) for leg in legs]) for part in ("hip_x", "hip_z"))
+    return PlanarLeg(hip_x, hip_z, link([leg.thigh for leg in legs]), link([leg.calf for leg in legs]))
 
 
 IN_PLANS = ("armature", "com_offset", "joint_damping", "leg_mass", "payload", "trunk_inertia")

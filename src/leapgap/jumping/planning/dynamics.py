@@ -88,20 +88,9 @@ def legs(robot: PlanarRobot, q: Any) -> tuple[Leg, Leg]:
         hip = trunk + to_hip
         foot = hip + to_knee + to_foot
         radius = robot.rolling_radius_m
-        both.append(
-            Leg(
-                to_hip,
-                to_knee,
-                centre_of(leg.thigh, thigh),
-                to_foot,
-                centre_of(leg.calf, calf),
-                hip,
-                hip + to_knee,
-                foot,
-                Vector(0.0, -radius),
-                foot - Vector(radius * calf, 0.0),
-            )
-        )
+        coms = centre_of(leg.thigh, thigh), centre_of(leg.calf, calf)
+        points = hip, hip + to_knee, foot, Vector(0.0, -radius), foot - Vector(radius * calf, 0.0)
+        both.append(Leg(to_hip, to_knee, coms[0], to_foot, coms[1], *points))
     return both[0], both[1]
 
 

@@ -172,15 +172,8 @@ class Planner:
         return Iterate(guess, np.zeros_like(guess), np.zeros(len(self.programme.row_labels)))
 
     def _minimise(self, solver: ca.Function, start: Iterate, w_bounds: Bounds, g_bounds: Bounds) -> Iterate:
-        found = solver(
-            x0=start.w,
-            lam_x0=start.multipliers_w,
-            lam_g0=start.multipliers_g,
-            lbx=w_bounds[0],
-            ubx=w_bounds[1],
-            lbg=g_bounds[0],
-            ubg=g_bounds[1],
-        )
+        first = {"x0": start.w, "lam_x0": start.multipliers_w, "lam_g0": start.multipliers_g}
+        found = solver(**first, lbx=w_bounds[0], ubx=w_bounds[1], lbg=g_bounds[0], ubg=g_bounds[1])
         return Iterate(*(np.array(found[name]).ravel() for name in ("x", "lam_x", "lam_g")))
 
     def _worst(self, w: np.ndarray, problem: Problem) -> Violation:

@@ -101,16 +101,11 @@ def mpc_horizons(
 
 def estimate(log: Log, row: int, robot: Robot) -> StateEstimate:
     """The logged state of a row; contacts are not used here."""
-    return StateEstimate(
-        float(log.time[row]),
-        log.stack(BASE_POSITION)[row],
-        log.stack(BASE_QUATERNION)[row],
-        log.stack(BASE_VELOCITY)[row],
-        log.stack(BASE_ANGULAR_VELOCITY)[row],
-        log.per_joint("joint_pos", robot.joints)[row],
-        log.per_joint("joint_vel", robot.joints)[row],
-        np.zeros(len(robot.feet), dtype=bool),
-    )
+    base = (BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, BASE_ANGULAR_VELOCITY)
+    position, quaternion, velocity, turning = (log.stack(columns)[row] for columns in base)
+    joint_pos, joint_vel = (log.per_joint(name, robot.joints)[row] for name in ("joint_pos", "joint_vel"))
+    time_s, contact = float(log.time[row]), np.zeros(len(robot.feet), dtype=bool)
+    return StateEstimate(time_s, position, quaternion, velocity, turning, joint_pos, joint_vel, contact)
 
 
 def predict(
