@@ -14,9 +14,9 @@ import pytest
 
 from leapgap import effects
 from leapgap.jumping.experiments.identification import identify_effects_config
-from leapgap.jumping.experiments.trial_spec import TrialSpec
-from leapgap.jumping.learning import export
+from leapgap.jumping.experiments.trial import TrialSpec
 from leapgap.jumping.learning.experiment import fit_task
+from leapgap.jumping.learning.store import export_model
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
 from leapgap.reports.diagnosis import diagnose_folder
@@ -95,7 +95,7 @@ def test_what_has_no_digest_is_refused() -> None:
 
 KEY = "a" * 64
 MAKERS: dict[str, tuple[Callable, ...]] = {
-    "train": (fit_task, export.write),
+    "train": (fit_task, export_model),
     "diagnose_withheld": (diagnose_folder,),
     "revisit": (diagnose_folder, further_jumps),
     "practise": (TrialSpec.run, identify_effects_config),

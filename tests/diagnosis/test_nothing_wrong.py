@@ -16,7 +16,7 @@ from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.other_simulations import FINE_INTEGRATORS, INTEGRATORS, runs
 from leapgap.diagnosis.report import ReportContent
 from leapgap.diagnosis.settings import Settings
-from leapgap.jumping.planning.reference_store import plan_reference, select_planar_robot
+from leapgap.jumping.planning.reference import plan_reference, select_planar_robot
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
