@@ -14,7 +14,7 @@ from leapgap.diagnosis.channels import JUMP
 from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
-from leapgap.effects.words import sentence_words
+from leapgap.effects import sentence_words
 from leapgap.logs.log import Log, LogInfo
 from leapgap.reports.channel_names import row_of
 from leapgap.reports.channels_data import channels_data

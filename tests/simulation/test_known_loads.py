@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.effects.leg_mass import LegMass
+from leapgap.effects.bodies import LegMass
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
 from leapgap.simulation.known_loads import add_point_mass

@@ -1,10 +1,10 @@
-"""Effects that the nominal robot leaves out: one file an effect; other packages may register more."""
+"""Effects that the nominal robot leaves out; other packages may register more."""
 
+import re
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import is_dataclass
 from functools import cache
-from importlib import import_module
 from typing import Any
 
 from leapgap.effects.base import Effect
@@ -99,15 +99,36 @@ def check_class(kind: Any) -> None:
 
 
 def describe(kind: type[Effect]) -> str:
-    """Short description of an effect: ``viscous friction``.
-
-    It is the first line of its module's docstring where the module is of this package, else of its class's docstring.
-    """
-    of_module = import_module(kind.__module__).__doc__ if kind.__module__.startswith(f"{__name__}.") else None
+    """Short description of an effect, ``viscous friction``: its words, else the first line of its docstring."""
     own = kind.__dict__.get("__doc__") or ""
     of_class = "" if own.startswith(f"{kind.__name__}(") else own  # a dataclass without words gets its signature
-    text = (of_module or of_class or kind.name.replace("_", " ")).strip().split("\n")[0].rstrip(".")
+    text = (vars(kind).get("words") or of_class or kind.name.replace("_", " ")).strip().split("\n")[0].rstrip(".")
     return text[:1].lower() + text[1:]
+
+
+def effect_words(name: str) -> str:
+    """What an effect is, such as ``viscous friction``; the name of one that only its user knows."""
+    kind = known().get(name)
+    return describe(kind) if kind else name.replace("_", " ")
+
+
+def label_words(label: str) -> str:
+    """An effect and its place: ``viscous friction at elbow`` for ``joint_damping at elbow``."""
+    name, at, place = label.partition(" at ")
+    return f"{effect_words(name)}{at}{place}"
+
+
+def parameter_words(name: str) -> str:
+    """A number of an effect without the unit in its name: ``torque`` for ``torque_nm``, ``torque (N·m)`` likewise."""
+    return re.sub(r"_(kg_m|rad_nm|rad_s|s_rad|per_s|kg|nm|rad|m|s|v)(?= \(|$)", "", name).replace("_", " ")
+
+
+def sentence_words(sentence: str) -> str:
+    """A sentence of a report without names of code: ``viscous friction (at elbow: damping 0.4 N·m·s/rad)``."""
+    names, numbers = "|".join(known()), {p for kind in known().values() for p in kind.declarations()}
+    plain = re.sub(rf"\((?:{names})(?: (at [^():]+))?: ", lambda found: f"({found[1]}: " if found[1] else "(", sentence)
+    plain = re.sub(rf"\b(?:{'|'.join(numbers)})(?= [-\d])", lambda found: parameter_words(found[0]), plain)
+    return re.sub(rf"\b(?:{names})\b", lambda found: effect_words(found[0]) if "_" in found[0] else found[0], plain)
 
 
 def effect(name: str, location: str = "all", **values: float) -> Effect:

@@ -230,6 +230,8 @@ class Effect(ABC):
     """Where it acts: all, front, rear, a joint group, a leg, a joint, a foot."""
 
     name: ClassVar[str]
+    words: ClassVar[str] = ""
+    """What it is called in reports, such as ``viscous friction``; empty: the first line of its class's docstring."""
     other_names: ClassVar[tuple[str, ...]] = ()
     """Further names by which it is found; ``called`` says which of them all reports use."""
     by_default: ClassVar[bool] = True

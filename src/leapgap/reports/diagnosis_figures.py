@@ -9,7 +9,7 @@ from plotly.subplots import make_subplots
 
 from leapgap.diagnosis.report import ReportContent
 from leapgap.diagnosis.summary import brief
-from leapgap.effects.words import effect_words, label_words, parameter_words
+from leapgap.effects import effect_words, label_words, parameter_words
 from leapgap.reports.channel_names import LABELS, row_of
 from leapgap.reports.colours import CORRECTED, GREY, NOMINAL, REAL
 from leapgap.reports.page import heat_map

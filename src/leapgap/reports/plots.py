@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 import rerun as rr
 
-from leapgap.effects.torque_speed_limit import TorqueSpeedLimit
+from leapgap.effects.motors import TorqueSpeedLimit
 from leapgap.logs import state
 from leapgap.logs.log import Log
 from leapgap.logs.schema import PAIR_FORCE_AXES

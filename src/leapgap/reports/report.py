@@ -19,8 +19,8 @@ from leapgap.diagnosis.localisation import Place, phase_names
 from leapgap.diagnosis.next_experiment import in_noises
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.diagnosis.summary import brief
+from leapgap.effects import effect_words, parameter_words, sentence_words
 from leapgap.effects.base import Effect
-from leapgap.effects.words import effect_words, parameter_words, sentence_words
 from leapgap.logs.log import Log
 from leapgap.reports.channel_names import channel_title, channel_words, unit_of
 from leapgap.reports.channels_data import channels_data

@@ -13,8 +13,8 @@ from leapgap import effects
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.report import Cause
 from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.effects import effect_words
 from leapgap.effects.base import Effect
-from leapgap.effects.words import effect_words
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer

@@ -76,14 +76,8 @@ class SourceTree:
                 elif name in self.modules:
                     found |= {name, *inner_packages(name)} & set(self.modules)
             imports = frozenset(found | self._loaded_by_name(module, tree, names))
-            spoken = (ast.get_docstring(tree) or "").split("\n")[0] if self._reads_docstrings(module) else ""
-            self._readings[module] = ModuleReading(imports, data_names(tree), digest_of(tree, spoken))
+            self._readings[module] = ModuleReading(imports, data_names(tree), digest_of(tree))
         return self._readings[module]
-
-    def _reads_docstrings(self, module: str) -> bool:
-        """Whether the package of a module reads the docstrings of its modules, whose first lines then are results."""
-        init = self.modules[module].parent / "__init__.py"
-        return init.is_file() and b".__doc__" in init.read_bytes()
 
     def _names(self, module: str, tree: ast.Module) -> Iterator[str]:
         """Dotted names in the import statements of a module."""
@@ -249,9 +243,9 @@ def meaning(value: object) -> str:
     return repr(value)
 
 
-def digest_of(tree: ast.Module, spoken: str = "") -> str:
-    """SHA-256 of what a module does, and of a text of it that others print."""
-    return hashlib.sha256(f"{meaning(tree)}{spoken}".encode()).hexdigest()
+def digest_of(tree: ast.Module) -> str:
+    """SHA-256 of what a module does."""
+    return hashlib.sha256(meaning(tree).encode()).hexdigest()
 
 
 EMPTY_TEXT = "Constant(value='')"

@@ -9,9 +9,9 @@ import numpy as np
 
 from leapgap.effects import describe
 from leapgap.effects.base import Effect
-from leapgap.effects.command_delay import CommandDelay
+from leapgap.effects.commands import CommandDelay
 from leapgap.effects.drive import Drive
-from leapgap.effects.encoder_bias import EncoderBias
+from leapgap.effects.measurements import EncoderBias
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected_model import Placement
 

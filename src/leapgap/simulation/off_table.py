@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import mujoco
 
 from leapgap.effects.base import Effect, parameter
-from leapgap.effects.contact import foot_geoms
+from leapgap.effects.contacts import foot_geoms
 from leapgap.robot.model import Robot
 
 

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from leapgap.effects.base import Effect, recompute_constants
-from leapgap.effects.contact import foot_geoms
+from leapgap.effects.contacts import foot_geoms
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot

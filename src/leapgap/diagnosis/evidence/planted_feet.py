@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from leapgap.diagnosis.evidence.base import LEAST_LOGS, Evidence, Source, slopes, sure
-from leapgap.effects.leg_geometry import LegGeometry
+from leapgap.effects.shape import LegGeometry
 from leapgap.logs.contacts import has_feet_in_world, runs_of
 from leapgap.logs.log import Log
 from leapgap.logs.stance import columns_of_feet, stance_by_force

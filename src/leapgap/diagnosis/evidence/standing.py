@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from leapgap.diagnosis.evidence.base import LEAST_LOGS, Evidence, Source, agree, sure
-from leapgap.effects.payload import Payload
+from leapgap.effects.bodies import Payload
 from leapgap.logs.contacts import runs_of
 from leapgap.logs.log import Log
 from leapgap.logs.stance import columns_of_feet

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from leapgap.effects.base import parameter
-from leapgap.effects.contact import foot_geoms
+from leapgap.effects.contacts import foot_geoms
 from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_POSITION
 from leapgap.robot.model import Robot
