@@ -19,13 +19,10 @@ import pyarrow.parquet as pq
 
 from leapgap.errors import InputError
 from leapgap.logs.clock import check_period
-from leapgap.logs.completeness import check_complete
-from leapgap.logs.consistency import check_physics
-from leapgap.logs.files import VALUE_BYTES, check_file, check_folder, check_values_fit, decoding
-from leapgap.logs.metadata import read_metadata
-from leapgap.logs.parquet_pages import check_pages
+from leapgap.logs.consistency import check_complete, check_physics
+from leapgap.logs.files import VALUE_BYTES, check_file, check_folder, check_pages, check_values_fit, decoding
+from leapgap.logs.metadata import Segment, contact_segments, equal_segments, jump_segments, read_metadata
 from leapgap.logs.schema import BASE_QUATERNION, PAIR_FORCE_AXES, check_values
-from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
 from leapgap.robot.rotations import continuous, pitch_of, roll_of, yaw_of
 from leapgap.robot.terrain import Box
 from leapgap.runtime.atomic_io import whole_file

@@ -7,9 +7,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from leapgap.logs.filtered_velocity import FilterRule, filter_of, obeyed_filters
 from leapgap.logs.log import Log
-from leapgap.logs.row_clock import RowClock
+from leapgap.logs.row_clock import FilterRule, RowClock, filter_of, obeyed_filters
 from leapgap.logs.streams import BASE, CURVATURE, NOISE_WINDOW, OUTLIER, VELOCITY, Stream, mean_row
 
 FREE = 25.0

@@ -10,8 +10,8 @@ import rerun as rr
 from leapgap.effects.motors import TorqueSpeedLimit
 from leapgap.logs import state
 from leapgap.logs.log import Log
+from leapgap.logs.metadata import FLIGHT, LIFT_OFF_WINDOW_S, Segment
 from leapgap.logs.schema import PAIR_FORCE_AXES
-from leapgap.logs.segments import FLIGHT, LIFT_OFF_WINDOW_S, Segment
 from leapgap.reports.recorder import Recorder, rows_at_period
 from leapgap.reports.shown_robot import Colour, ShownRobot
 from leapgap.robot.model import Robot

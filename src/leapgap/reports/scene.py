@@ -6,8 +6,8 @@ import numpy as np
 import rerun as rr
 
 from leapgap.logs.log import Log
+from leapgap.logs.metadata import segment_of_rows
 from leapgap.logs.pair_force import WORLD_X_Z, by_pair
-from leapgap.logs.segments import segment_of_rows
 from leapgap.reports.plots import ground_friction, planned_to_push, split_at_take_off
 from leapgap.reports.recorder import Recorder
 from leapgap.reports.shown_robot import Colour, ShownRobot

@@ -15,9 +15,9 @@ from leapgap.diagnosis.report import Cause, ReportContent, round_floats
 from leapgap.errors import InputError
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.log import Log
+from leapgap.logs.metadata import runs_of
 from leapgap.logs.reading import read_foreign
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
-from leapgap.logs.segments import runs_of
 from leapgap.robot.menagerie import PREFIX, model_file
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import MODEL, write_corrected

@@ -12,7 +12,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
-from leapgap.logs.segments import Segment
+from leapgap.logs.metadata import Segment
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.validation.off_table.base import OffTableEffect

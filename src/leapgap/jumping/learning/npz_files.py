@@ -11,7 +11,7 @@ from typing import IO, cast
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.logs.unpacking import Bounded
+from leapgap.logs.files import Bounded
 
 NOON_OF_ZIP = (1980, 1, 1, 0, 0, 0)
 """One date for every member, so that equal arrays give equal bytes."""

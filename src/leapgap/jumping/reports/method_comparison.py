@@ -12,7 +12,7 @@ from leapgap.jumping.reports.mpc_horizon import MpcHorizons, in_words, mpc_horiz
 from leapgap.jumping.task import begin_of
 from leapgap.logs.cutting import rows_between
 from leapgap.logs.log import Log, read_log
-from leapgap.logs.segments import ROUNDING_S
+from leapgap.logs.metadata import ROUNDING_S
 from leapgap.reports.layout import plot
 from leapgap.reports.log_recording import Further, record_jump
 from leapgap.reports.recorder import Recorder

@@ -10,10 +10,9 @@ import pyarrow as pa
 import pyarrow.csv
 
 from leapgap.errors import InputError
-from leapgap.logs.files import decoding
+from leapgap.logs.files import Bounded, decoding
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size, stacked
-from leapgap.logs.unpacking import Bounded
 
 CHUNK_BYTES = 1 << 20
 PACKED = ("gz", "bz2", "zst", "lz4")

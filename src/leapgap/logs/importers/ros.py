@@ -18,10 +18,10 @@ import numpy as np
 
 from leapgap.errors import InputError, needs
 from leapgap.logs.clock import held_at, increasing_rows, interpolated_at
+from leapgap.logs.cutting import HELD
+from leapgap.logs.files import MOST_UNPACKED, Bounded, Unpacker, unpack
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size
-from leapgap.logs.resampling import HELD
-from leapgap.logs.unpacking import MOST_UNPACKED, Bounded, Unpacker, unpack
 from leapgap.runtime.plain_yaml import MOST_BYTES, from_yaml
 from leapgap.runtime.plain_yaml import check_size as check_values
 

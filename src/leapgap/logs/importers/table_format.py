@@ -12,15 +12,14 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.logs.clock import check_period, increasing_rows, mean_period
+from leapgap.logs.cutting import on_even_clock
 from leapgap.logs.derivatives import add_velocities
 from leapgap.logs.files import decoding
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.importers.column_map import ColumnMap, Expansion, column_order, is_ours, mapped, tied
 from leapgap.logs.importers.tables import Arrays, Table, Wanted, check_size
 from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.metadata import LONGEST_PERIOD_S
-from leapgap.logs.resampling import on_even_clock
-from leapgap.logs.segments import PHASE_LENGTHS, Segment
+from leapgap.logs.metadata import LONGEST_PERIOD_S, PHASE_LENGTHS, Segment
 from leapgap.robot.model import Robot
 from leapgap.robot.stated_servos import servo_gains
 

@@ -4,10 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from leapgap.logs.importers.units import UNITS
-from leapgap.logs.map_proposal.names import words
-from leapgap.logs.map_proposal.physics import (
+from leapgap.logs.importers.column_map import UNITS
+from leapgap.logs.map_proposal.evidence import (
+    ABSENT,
+    ASKED,
+    GUESSED,
+    MISSING,
+    SURE,
+    Evidence,
     Match,
+    Proposal,
     factors,
     match,
     mean_rates,
@@ -16,7 +22,7 @@ from leapgap.logs.map_proposal.physics import (
     shifted,
     usable_rows,
 )
-from leapgap.logs.map_proposal.proposal import ABSENT, ASKED, GUESSED, MISSING, SURE, Evidence, Proposal
+from leapgap.logs.map_proposal.joint_columns import words
 from leapgap.logs.map_proposal.unit_readings import (
     CLOSE,
     DISTINCT,
