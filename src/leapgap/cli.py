@@ -18,8 +18,7 @@ import leapgap as lg
 from leapgap.errors import InputError, did_you_mean, printable
 from leapgap.runtime.interrupt import STOPPED
 from leapgap.runtime.output_folder import check_output, merged_folder, system_error, what_is_kept
-from leapgap.runtime.processes import InterruptGuard, open_closed_streams, tolerate_terminal
-from leapgap.runtime.still_running import Begins, still_running
+from leapgap.runtime.processes import Begins, InterruptGuard, open_closed_streams, still_running, tolerate_terminal
 
 DESCRIPTION = "Find out why a robot does not move as its MuJoCo simulation does."
 IMPORT, REPLAY, DEMO, NET = "leapgap import", "leapgap replay", "leapgap demo", "leapgap actuator-net"

@@ -62,12 +62,8 @@ def by_default() -> dict[str, type[Effect]]:
 
 def registry(own: Iterable[type[Effect]] = ()) -> Kinds:
     """The known effects and a user's own classes."""
-    return with_own(known(), own)
-
-
-def with_own(kinds: Registry, own: Iterable[type[Effect]]) -> Kinds:
-    """Effects by name with further classes; ``InputError`` for what is no effect or has the name of another."""
-    found = Kinds(kinds)
+    # Effects by name with further classes; ``InputError`` for what is no effect or has the name of another
+    found = Kinds(known())
     for kind in own:
         check_class(kind)
         if found.get(kind.name, kind) is not kind:

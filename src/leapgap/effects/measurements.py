@@ -20,11 +20,6 @@ def lean(roll_rad: float, pitch_rad: float) -> np.ndarray:
     return turn
 
 
-def inverse(turn: np.ndarray) -> np.ndarray:
-    """The quaternion that turns back."""
-    return turn * np.array([1.0, -1.0, -1.0, -1.0])
-
-
 def rotated(vectors: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """Vectors (rows, 3) turned by a quaternion."""
     matrix = np.empty(9)
@@ -89,7 +84,7 @@ class FrameTilt(Effect):
 
     def true_start(self, start: Motion, robot: Robot) -> Motion:
         """Turn the first state of the base back."""
-        return self._turned(start, inverse(lean(self.roll_rad, self.pitch_rad)), robot)
+        return self._turned(start, (lean(self.roll_rad, self.pitch_rad) * np.array([1.0, -1.0, -1.0, -1.0])), robot)
 
     def _turned(self, motion: Motion, turn: np.ndarray, robot: Robot) -> Motion:
         if self.is_nominal or not robot.has_free_base:

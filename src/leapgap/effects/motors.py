@@ -12,7 +12,7 @@ from leapgap.effects.drive import Drive, add_heating, add_lag, add_velocity_filt
 from leapgap.errors import InputError
 from leapgap.robot import actuators
 from leapgap.robot.model import Robot
-from leapgap.robot.motors import RESISTANCE, TOP_SPEED, MotorConstants
+from leapgap.robot.stated_actuators import RESISTANCE, TOP_SPEED, MotorConstants
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import numpy as np
 from leapgap.export.base import CorrectedRobot, Export, RobotNumbers
 from leapgap.robot.mjcf import copy_asset
 from leapgap.robot.model import Robot
+from leapgap.robot.model_file import is_urdf, parsed
 from leapgap.robot.rotations import matrix_of
-from leapgap.robot.urdf import is_urdf, parsed
 from leapgap.runtime.atomic_io import write_text
 
 FILE, MESHES = "robot.urdf", "meshes"

@@ -13,8 +13,7 @@ from leapgap.errors import InputError
 from leapgap.logs.derivatives import velocity_fit
 from leapgap.logs.log import Log
 from leapgap.logs.metadata import runs_of
-from leapgap.robot.kinematics import soles
-from leapgap.robot.leg_load import feet_load, sinking_depths
+from leapgap.robot.kinematics import feet_load, sinking_depths, soles
 from leapgap.robot.model import Robot
 from leapgap.robot.model_file import gravity_of
 from leapgap.robot.motion import Motion

@@ -136,20 +136,16 @@ def check_physics(columns: Columns, joints: Sequence[str], where: object) -> Non
     """``InputError`` where the columns of a log contradict each other beyond what any robot or sensor explains."""
     time = columns["time"]
     check_order(columns, joints, where)
-    for positions, velocities in pairs(columns, joints):
-        check_velocities(columns, positions, velocities, time, where)
-    check_attitude(columns, time, where)
-    check_set_points(columns, joints, where)
-
-
-def pairs(columns: Columns, joints: Sequence[str]) -> list[tuple[list[str], list[str]]]:
-    """Columns of positions with those of their velocities, as far as both are there."""
+    # Columns of positions with those of their velocities, as far as both are there
     every = [
         ([f"joint_pos/{joint}" for joint in joints], [f"joint_vel/{joint}" for joint in joints]),
         (list(BASE_POSITION), list(BASE_VELOCITY)),
     ]
     both = [[(p, v) for p, v in zip(*one, strict=True) if p in columns and v in columns] for one in every]
-    return [([p for p, _ in one], [v for _, v in one]) for one in both if one]
+    for positions, velocities in [([p for p, _ in one], [v for _, v in one]) for one in both if one]:
+        check_velocities(columns, positions, velocities, time, where)
+    check_attitude(columns, time, where)
+    check_set_points(columns, joints, where)
 
 
 def table(columns: Columns, names: Sequence[str]) -> np.ndarray:
@@ -271,9 +267,13 @@ def check_steps(
     beyond[steps > LONGEST_STEP * np.median(steps)] = 0.0  # across a gap that the time states, no velocity is known
     usual = np.percentile(beyond, 99, axis=0)
     stalled = np.flatnonzero((beyond > JUMP).mean(axis=1) >= JUMPING_SHARE)
-    beyond[stalled] = np.minimum(
-        beyond[stalled], beyond_stall(drift, integrated[:, moving], steps, np.asarray(stalled))
-    )
+    # What is left of leaps after these rows if the row was longer than claimed, by the time that suits all columns
+    rows = np.asarray(stalled)
+    leap = drift[rows + 1] - drift[rows]
+    velocity = (integrated[:, moving][rows + 1] - integrated[:, moving][rows]) / steps[rows, None]
+    square = np.maximum((velocity**2).sum(axis=1), np.finfo(float).tiny)
+    longer = np.clip((velocity * leap).sum(axis=1) / square, 0.0, LONGEST_STALL_S)
+    beyond[stalled] = np.minimum(beyond[stalled], np.asarray(np.abs(leap - longer[:, None] * velocity)))
     leaps = ((beyond > JUMP) & (beyond > JUMP_RATIO * usual)).mean(axis=1)
     row = int(np.argmax(leaps))
     if leaps[row] >= JUMPING_SHARE:
@@ -285,19 +285,6 @@ def check_steps(
             "rows that follow each other",
             "rows were lost here: cut the log, or give it its own time stamps",
         )
-
-
-def beyond_stall(drift: np.ndarray, integrated: np.ndarray, steps: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """What is left of leaps after these rows if the row was longer than claimed, by the time that suits all columns.
-
-    ``drift`` and ``integrated``: (rows, columns); ``steps``: claimed lengths of rows, s. No row was longer by more than
-    ``LONGEST_STALL_S``.
-    """
-    leap = drift[rows + 1] - drift[rows]
-    velocity = (integrated[rows + 1] - integrated[rows]) / steps[rows, None]
-    square = np.maximum((velocity**2).sum(axis=1), np.finfo(float).tiny)
-    longer = np.clip((velocity * leap).sum(axis=1) / square, 0.0, LONGEST_STALL_S)
-    return np.asarray(np.abs(leap - longer[:, None] * velocity))
 
 
 def typical(ratio: float) -> str:

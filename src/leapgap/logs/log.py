@@ -319,20 +319,19 @@ def read_parquet(path: Path) -> tuple[pa.Table, Mapping[bytes, bytes]]:
             raise InputError(path, "no metadata 'leapgap'", "a log of this project", "import it: leapgap import")
         groups = sum(stated.row_group(i).total_byte_size for i in range(stated.num_row_groups))
         check_values_fit(path, max(stated.num_rows * stated.num_columns, groups / VALUE_BYTES))
-        check_schema(file.schema_arrow, path)
+        # Refuse a column that is not numeric, or is there twice
+        schema = file.schema_arrow
+        if len(set(schema.names)) < len(schema.names):
+            twice = next(name for name in schema.names if schema.names.count(name) > 1)
+            raise InputError(
+                path, f"{schema.names.count(twice)} columns {twice}", "one of each name", "import it again"
+            )
+        for name, kind in zip(schema.names, schema.types, strict=True):
+            if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind)):
+                found = f"a column that is not numeric ({name}: {kind})"
+                raise InputError(path, found, "float64 columns", "import it again")
         check_pages(path, file)
         return file.read(use_threads=stated.num_rows * stated.num_columns > MANY_VALUES), metadata
-
-
-def check_schema(schema: pa.Schema, path: Path) -> None:
-    """``InputError`` for a column that is not numeric, or is there twice."""
-    if len(set(schema.names)) < len(schema.names):
-        twice = next(name for name in schema.names if schema.names.count(name) > 1)
-        raise InputError(path, f"{schema.names.count(twice)} columns {twice}", "one of each name", "import it again")
-    for name, kind in zip(schema.names, schema.types, strict=True):
-        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind)):
-            found = f"a column that is not numeric ({name}: {kind})"
-            raise InputError(path, found, "float64 columns", "import it again")
 
 
 def check_read(log: Log, where: object) -> None:

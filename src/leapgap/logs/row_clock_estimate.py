@@ -87,7 +87,11 @@ def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
     if len(moving) < 2:
         return None
     claimed = np.diff(log.time)
-    expected = mean_scale(every.channel(moving), claimed) * claimed
+    # True over claimed length of rows, by all of the motion of a message; ``claimed`` lengths (rows − 1,), s
+    stream = every.channel(moving)
+    summed = (stream.velocity[1:] + stream.velocity[:-1]) / 2 * claimed[:, None]
+    weight = 1 / stream.noise**2
+    expected = float((weight * summed * np.diff(stream.position, axis=0)).sum() / (weight * summed**2).sum()) * claimed
     halves = [lengths_by(every.channel(moving[k::2]), expected) for k in (0, 1)]
     _, precision = lengths_by(every.channel(moving), expected)
     if hangs(halves, expected) or scatter_alike(halves, expected, precision):
@@ -99,7 +103,7 @@ def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
 
 def moving_channels(log: Log, every: Stream) -> list[int]:
     """Channels that move in enough rows to have a say in a clock."""
-    period = mean_step(log)
+    period = float(log.time[-1] - log.time[0]) / (len(log) - 1)
     return [k for k in range(every.position.shape[1]) if every.channel(k).share_in_motion(period) > MOVING]
 
 
@@ -175,18 +179,6 @@ def smoothed_lengths(every: Stream, fresh: np.ndarray, claimed: np.ndarray) -> S
         for table in (every.position, every.velocity)
     )
     return smooth_lengths(Samples(every.position, every.velocity, fresh, noise, velocity_noise), claimed)
-
-
-def mean_step(log: Log) -> float:
-    """Mean time from row to row as the log claims it, s."""
-    return float(log.time[-1] - log.time[0]) / (len(log) - 1)
-
-
-def mean_scale(stream: Stream, claimed: np.ndarray) -> float:
-    """True over claimed length of rows, by all of the motion of a message; ``claimed`` lengths (rows − 1,), s."""
-    summed = (stream.velocity[1:] + stream.velocity[:-1]) / 2 * claimed[:, None]
-    weight = 1 / stream.noise**2
-    return float((weight * summed * np.diff(stream.position, axis=0)).sum() / (weight * summed**2).sum())
 
 
 def lengths_by(stream: Stream, around: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,8 +8,7 @@ from leapgap.export import exports
 from leapgap.reports.diagnosis import BEST, CORRECTED, PAGE, RECORDING, REPORT
 from leapgap.robot.mjcf import ASSETS
 from leapgap.runtime.atomic_io import read_json
-from leapgap.simulation import corrected_readme
-from leapgap.simulation.corrected import MODEL, NOMINAL, PARAMETERS, README
+from leapgap.simulation.corrected import CORRECTED_HOLDS, MODEL, NOMINAL, PARAMETERS, README, placed_in_words
 
 HOLDS = {
     PAGE: "the report to read in a browser",
@@ -36,7 +35,7 @@ def what_was_written(folder: Path) -> list[str]:
 
 def corrected_holds() -> Mapping[str, str]:
     """What each file and folder of a corrected robot holds."""
-    own = {**corrected_readme.HOLDS, ASSETS: "the meshes and pictures of these models"}
+    own = {**CORRECTED_HOLDS, ASSETS: "the meshes and pictures of these models"}
     return own | {name: kind.says.replace("`", "") for name, kind in exports().items()}
 
 
@@ -52,5 +51,5 @@ def effects_of(folder: Path) -> Iterator[str]:
     corrected = folder / CORRECTED
     if (corrected / PARAMETERS).is_file():
         missing = [name for name in (MODEL, NOMINAL) if not (corrected / name).is_file()]
-        for line in corrected_readme.placed_in_words(read_json(corrected / PARAMETERS), missing):
+        for line in placed_in_words(read_json(corrected / PARAMETERS), missing):
             yield f"  {line}"

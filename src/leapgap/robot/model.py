@@ -10,15 +10,19 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.robot.actuators import check_joint_pd, replace_actuators
-from leapgap.robot.feet import Feet, feet_of, name_contacts
-from leapgap.robot.menagerie import model_file
-from leapgap.robot.model_file import compile_spec, discard_visual, gravity_of, keep_inertia_changeable, read_spec
-from leapgap.robot.model_hash import hash_model
-from leapgap.robot.motors import MotorConstants, motors_of
-from leapgap.robot.stated_actuators import SINGLE, JointActuator, actuators_of
+from leapgap.robot.mjcf import hash_model
+from leapgap.robot.model_file import (
+    compile_spec,
+    discard_visual,
+    gravity_of,
+    is_urdf,
+    keep_inertia_changeable,
+    model_file,
+    read_spec,
+)
+from leapgap.robot.stated_actuators import SINGLE, JointActuator, MotorConstants, actuators_of, motors_of
 from leapgap.robot.terrain import Box, ground_geoms
-from leapgap.robot.topology import PartNames, Topology, indices, topology_of
-from leapgap.robot.urdf import is_urdf
+from leapgap.robot.topology import Feet, PartNames, Topology, feet_of, indices, name_contacts, topology_of
 
 DEFAULT_MODEL = Path(__file__).with_name("a1.xml")
 OTHER_DESCRIPTION = "a1_2020.xml"
@@ -64,7 +68,7 @@ class Robot:
     ) -> "Robot":
         """Read and compile a model file; ``InputError`` where it is invalid or cannot be replayed.
 
-        ``menagerie:<name>`` is a robot of MuJoCo Menagerie (``robot.menagerie``).
+        ``menagerie:<name>`` is a robot of MuJoCo Menagerie (``robot.model_file``).
         """
         robot = Robot(model_file(path), motors, names, fix_base)
         robot.check()

@@ -1,15 +1,129 @@
-"""Reading a robot's model file, MJCF or URDF, into MuJoCo's specification, which is then edited and compiled."""
+"""Reading a robot's model file (MJCF, URDF, a robot of Menagerie) into MuJoCo's specification, to edit and compile.
+
+Robots of Menagerie are found by the package ``mujoco-menagerie`` (extra ``menagerie``), which holds a list of them. It
+takes their files from the folder that ``MENAGERIE_ROOT`` names, a checkout of Menagerie, or from its own cache, which
+it fills by a download when a robot is first asked for."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
-from leapgap.errors import InputError
+from leapgap.errors import InputError, did_you_mean, needs
 from leapgap.robot.model_count import LARGEST_MODEL_BYTES
 from leapgap.robot.model_guard import check_model_file, check_text
-from leapgap.robot.urdf import is_urdf, readable_urdf
+
+PREFIX = "menagerie:"
+"""Before the name of a robot: ``menagerie:unitree_go2`` is its scene with a floor, where its makers have one.
+``menagerie:unitree_go2/go2`` names one of its files without ``.xml``."""
+
+
+def model_file(model: Path | str) -> Path:
+    """The model file that a path or a name in Menagerie stands for; ``InputError`` where Menagerie does not have it."""
+    given = str(model)
+    if not given.startswith(PREFIX):
+        return Path(model)
+    robot, _, entry = given.removeprefix(PREFIX).partition("/")
+    with needs("menagerie"):
+        import mujoco_menagerie as menagerie
+    try:
+        return Path(menagerie.get(robot).xml(entry or None))
+    except menagerie.UnknownRobotError:
+        found = f"no robot {robot}" if robot else "no name of a robot"
+        do = did_you_mean(robot, menagerie.names()) or "mujoco-menagerie names, in a shell, lists them"
+        raise InputError(given, found, f"one of the {len(menagerie.names())} robots of MuJoCo Menagerie", do) from None
+    except menagerie.UnknownEntryPointError:
+        known = ", ".join(menagerie.get(robot).entry_names)
+        raise InputError(given, f"no file {entry}", f"one of {known}", f"name one: {PREFIX}{robot}/<file>") from None
+    except (menagerie.MenagerieError, OSError) as error:
+        raise InputError(
+            given,
+            f"no files of that robot ({' '.join(str(error).split())})",
+            "a checkout of MuJoCo Menagerie in the folder that MENAGERIE_ROOT names, or a network to download from",
+            f"set MENAGERIE_ROOT, or run 'mujoco-menagerie prefetch {robot}' where there is a network",
+        ) from None
+
+
+MESHES = (".stl", ".obj", ".msh")
+"""Mesh files that MuJoCo reads."""
+PACKAGE, WORLD = "package://", "world"
+XACRO = "xacro"
+
+
+def is_urdf(text: str) -> bool:
+    """Whether a model file is a URDF: its top element is ``robot``."""
+    try:
+        return parsed(text).tag == "robot"
+    except ElementTree.ParseError:
+        return False
+
+
+def parsed(text: str) -> ElementTree.Element:
+    """The tree of a URDF without the namespace that some generators put it into; parts of others keep theirs."""
+    root = ElementTree.fromstring(text)
+    own = root.tag[: root.tag.rfind("}") + 1]
+    for element in root.iter():
+        element.tag = element.tag.removeprefix(own)
+    return root
+
+
+def readable_urdf(text: str, path: Path) -> tuple[str, tuple[str, ...]]:
+    """The text of a URDF that MuJoCo reads as its makers meant it, and notes on what is left out.
+
+    ``package://`` and relative paths of meshes become absolute ones. Shapes whose mesh is missing or of another format
+    are left out. A parent link ``world`` that is not declared is added. ``InputError`` for a template of xacro.
+    """
+    root = parsed(text)
+    for element in root.iter():
+        namespace, _, element.tag = element.tag.rpartition("}")
+        if XACRO in namespace:
+            do = "write it out: xacro robot.urdf.xacro > robot.urdf"
+            raise InputError(path, f"a template with xacro:{element.tag}", "a URDF", do)
+    links = {link.get("name") for link in root.iter("link")}
+    if WORLD not in links and any(parent.get("link") == WORLD for parent in root.iterfind("joint/parent")):
+        root.insert(0, ElementTree.Element("link", {"name": WORLD}))
+    left_out = resolve_meshes(root, path)
+    compiler = root.find("mujoco/compiler")
+    if compiler is None:
+        compiler = ElementTree.SubElement(root.find("mujoco") or ElementTree.SubElement(root, "mujoco"), "compiler")
+    compiler.set("strippath", "false")
+    compiler.attrib.pop("meshdir", None)
+    compiler.attrib.setdefault("discardvisual", "false")
+    readable = ElementTree.tostring(root, encoding="unicode")
+    if not left_out:
+        return readable, ()
+    return readable, (f"{len(left_out)} shapes are left out, for want of meshes that MuJoCo reads: {left_out[0]} …",)
+
+
+def resolve_meshes(root: ElementTree.Element, path: Path) -> list[str]:
+    """Make paths of meshes absolute, and remove the shapes whose meshes cannot be read; their names."""
+    left_out = []
+    for link in root.iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            mesh = shape.find("geometry/mesh")
+            if mesh is None:
+                continue
+            found = file_of_mesh(mesh.get("filename", ""), path.resolve().parent)
+            if found is None:
+                left_out.append(mesh.get("filename", ""))
+                link.remove(shape)
+            else:
+                mesh.set("filename", str(found))
+    return left_out
+
+
+def file_of_mesh(name: str, folder: Path) -> Path | None:
+    """The file of a mesh, looked for beside the URDF and, for ``package://``, in every folder above it."""
+    inside = name.removeprefix(PACKAGE).removeprefix("file://")
+    if name.startswith(PACKAGE):
+        below = Path(*Path(inside).parts[1:])
+        tries = [above / part for above in (folder, *folder.parents) for part in (inside, below)]
+    else:
+        tries = [folder / inside]
+    return next((one for one in tries if one.suffix.lower() in MESHES and one.is_file()), None)
+
 
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 BOUNDED = (

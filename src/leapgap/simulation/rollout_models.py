@@ -20,10 +20,8 @@ from leapgap.robot.model_sensors import add_sensors
 from leapgap.robot.motion import Motion
 from leapgap.robot.rotors import carried_torque, rest_rotors
 from leapgap.robot.terrain import Box
-from leapgap.simulation.known_loads import LOAD, put_loads
-from leapgap.simulation.rollout import Rollout, joint_commands, torques_by_velocity
-from leapgap.simulation.trial_log import without_warnings
-from leapgap.simulation.working_models import WorkingModel, WorkingModels
+from leapgap.simulation.rollout import LOAD, Rollout, joint_commands, put_loads, torques_by_velocity
+from leapgap.simulation.working_models import WorkingModel, WorkingModels, without_warnings
 
 LARGEST_STEP_S = 0.0011
 """Largest step of the simulation, s; that of the model file where it is shorter."""

@@ -18,8 +18,8 @@ from leapgap.logs.log import Log
 from leapgap.logs.metadata import runs_of
 from leapgap.logs.reading import read_foreign
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
-from leapgap.robot.menagerie import PREFIX, model_file
 from leapgap.robot.model import Robot
+from leapgap.robot.model_file import PREFIX, model_file
 from leapgap.simulation.corrected import MODEL, write_corrected
 
 Expected = Mapping[str, Mapping[str, Sequence[float]]]

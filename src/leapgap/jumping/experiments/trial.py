@@ -23,8 +23,7 @@ from leapgap.logs.state import motion_of, pd_torques
 from leapgap.robot.kinematics import joint_torque_to_foot_force
 from leapgap.robot.model import Robot
 from leapgap.robot.rotations import yaw_of
-from leapgap.simulation.closed_loop import ClosedLoopRun, Sensing, run_closed_loop
-from leapgap.simulation.disturbance import Disturbance
+from leapgap.simulation.closed_loop import ClosedLoopRun, Disturbance, Sensing, run_closed_loop
 from leapgap.simulation.open_loop import Course, MotionPlan, prepare, terrain_slots
 from leapgap.simulation.replay import Replayer
 

@@ -12,7 +12,7 @@ from leapgap.errors import InputError, did_you_mean
 from leapgap.logs.importers.tables import Table
 from leapgap.logs.schema import COMMANDS, QUANTITIES, quantity_of
 from leapgap.robot.model import Robot
-from leapgap.robot.tied_joints import Tie, tied_joints
+from leapgap.robot.stated_joints import Tie, tied_joints
 
 TURN, INCH, FOOT, POUND, GRAVITY = 2 * math.pi, 0.0254, 0.3048, 4.4482216152605, 9.80665
 FINE = {"decideg": TURN / 3600, "centideg": TURN / 36000, "tick4096": TURN / 4096}
@@ -122,7 +122,13 @@ def mapped(table: Table, options: ColumnMap, robot: Robot, where: str) -> dict[s
         columns[ours] = imported(columns, ours, f"{where}.offsets") + offset
     for ours, value in constants.items():
         columns[ours] = np.full(rows or 0, value)
-    return with_tied(columns, ties)
+    # The columns with positions and velocities of tied joints, as far as the joints that they follow have them
+    found = dict(columns)
+    for joint, tie in ties.items():
+        for quantity, follow in (("joint_pos", tie.position), ("joint_vel", tie.velocity)):
+            if f"{quantity}/{tie.of}" in columns:
+                found[f"{quantity}/{joint}"] = follow(columns[f"{quantity}/{tie.of}"])
+    return found
 
 
 def tied(table: Table, options: ColumnMap, robot: Robot, where: str) -> Mapping[str, Tie]:
@@ -146,16 +152,6 @@ def first_number(table: Table, options: ColumnMap, robot: Robot, where: str) -> 
         return sum(column not in table for terms in columns.values() for column in terms)
 
     return 1 if options.joint_order and lacking(1) < lacking(0) else 0
-
-
-def with_tied(columns: dict[str, np.ndarray], ties: Mapping[str, Tie]) -> dict[str, np.ndarray]:
-    """The columns with positions and velocities of tied joints, as far as the joints that they follow have them."""
-    found = dict(columns)
-    for joint, tie in ties.items():
-        for quantity, follow in (("joint_pos", tie.position), ("joint_vel", tie.velocity)):
-            if f"{quantity}/{tie.of}" in columns:
-                found[f"{quantity}/{joint}"] = follow(columns[f"{quantity}/{tie.of}"])
-    return found
 
 
 def check_ours(columns: Iterable[str], robot: Robot, where: str) -> None:

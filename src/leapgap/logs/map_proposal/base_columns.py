@@ -205,28 +205,23 @@ def base_columns(columns: Sequence[str]) -> dict[str, list[str]]:
     """Quantity of the base → its columns: x y z, of an attitude four as the file has them, w x y z where it says so."""
     groups: dict[str, dict[str, str]] = defaultdict(dict)
     for column in columns:
-        found = LAST.match(column)
-        if found:
+        if found := LAST.match(column):
             groups[found[1]][(found[2] or found[3]).lower()] = column
     chosen: dict[str, list[str]] = {}
     for head, parts in groups.items():
-        quantity = quantity_of_base(head)
+        # The quantity of the base that the words of a name speak of
+        said = set(words(head))
+        spoken = next((quantity for pair, quantity in PAIRS.items() if set(pair) <= said), None)
+        spoken = spoken or next((quantity for quantity, known in WORDS.items() if said & known), None)
+        if spoken is None and len(said - BODIES) == 1:
+            spoken = LETTERS.get(*(said - BODIES))
+        quantity = None if spoken in ("base_linvel", "base_pos") and not said & BODIES else spoken
         keys = ("w", "x", "y", "z") if quantity == "base_quat" else ("x", "y", "z")
         numbers = tuple(str(i) for i in range(len(keys)))
         for names in (keys, numbers):
             if quantity is not None and set(names) == set(parts):
                 chosen.setdefault(quantity, [parts[name] for name in names])
     return chosen
-
-
-def quantity_of_base(name: str) -> str | None:
-    """The quantity of the base that the words of a name speak of."""
-    said = set(words(name))
-    found = next((quantity for pair, quantity in PAIRS.items() if set(pair) <= said), None)
-    found = found or next((quantity for quantity, known in WORDS.items() if said & known), None)
-    if found is None and len(said - BODIES) == 1:
-        found = LETTERS.get(*(said - BODIES))
-    return None if found in ("base_linvel", "base_pos") and not said & BODIES else found
 
 
 def find_base(columns: Sequence[str], evidence: Evidence, proposal: Proposal) -> None:

@@ -175,18 +175,7 @@ def known_orders(robot: Robot) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Orders of the joints, each with what it is called, the likeliest first."""
     joints = robot.joints
     yield MODEL, joints
-    depth = dict(zip(joints, levels(robot), strict=True))
-    breadth = "kind by kind through the tree of the model (breadth-first, as Isaac Lab has them)"
-    yield breadth, tuple(sorted(joints, key=lambda joint: depth[joint]))
-    yield f"{breadth}, branches by the alphabet", tuple(sorted(joints, key=lambda joint: (depth[joint], joint)))
-    stated = tuple(motor.target for motor in robot.published_spec().actuators)
-    if set(stated) == set(joints):
-        yield "in the order of the model file's actuators", stated
-    yield "by the alphabet", tuple(sorted(joints))
-
-
-def levels(robot: Robot) -> list[int]:
-    """Number of joints between each joint and the base."""
+    # Number of joints between each joint and the base
     model = robot.model
 
     def level(body: int) -> int:
@@ -194,7 +183,14 @@ def levels(robot: Robot) -> list[int]:
             return 0
         return level(int(model.body_parentid[body])) + int(np.isin(robot.joint_bodies, body).sum())
 
-    return [level(int(model.body_parentid[body])) for body in robot.joint_bodies]
+    depth = dict(zip(joints, [level(int(model.body_parentid[body])) for body in robot.joint_bodies], strict=True))
+    breadth = "kind by kind through the tree of the model (breadth-first, as Isaac Lab has them)"
+    yield breadth, tuple(sorted(joints, key=lambda joint: depth[joint]))
+    yield f"{breadth}, branches by the alphabet", tuple(sorted(joints, key=lambda joint: (depth[joint], joint)))
+    stated = tuple(motor.target for motor in robot.published_spec().actuators)
+    if set(stated) == set(joints):
+        yield "in the order of the model file's actuators", stated
+    yield "by the alphabet", tuple(sorted(joints))
 
 
 def fitting_order(position: np.ndarray, robot: Robot) -> tuple[str, Sequence[str], list[str]]:

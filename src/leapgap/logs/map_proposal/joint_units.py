@@ -1,7 +1,5 @@
 """Units, signs and order of the joints' columns, by physics."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from leapgap.logs.importers.column_map import UNITS
@@ -80,11 +78,14 @@ def judge_units(evidence: Evidence, proposal: Proposal) -> UnitReading | None:
         return None
     order_velocities(evidence, proposal)
     numbers = numbers_of(evidence)
+    # Units that the names of the columns of positions speak of
+    said = {word for joint in evidence.robot.joints for word in words(their_column("joint_pos", joint, proposal))}
+    stated = {str(evidence.stated.get("unit"))} & set(UNIT_WORDS.values())
     found = readings(
         numbers,
         evidence.robot,
         evidence.time_units,
-        units_in_names(evidence, proposal),
+        sorted({UNIT_WORDS[word] for word in said & UNIT_WORDS.keys()} | stated),
         "joint_pos" not in evidence.named,
     )
     if not found:
@@ -154,13 +155,6 @@ def ask_for_calibration(evidence: Evidence, proposal: Proposal) -> None:
         if quantity in evidence.values:
             proposal.put("units", f"{quantity}/*", ASKED)
     evidence.position_unit = ASKED
-
-
-def units_in_names(evidence: Evidence, proposal: Proposal) -> Sequence[str]:
-    """Units that the names of the columns of positions speak of."""
-    said = {word for joint in evidence.robot.joints for word in words(their_column("joint_pos", joint, proposal))}
-    stated = {str(evidence.stated.get("unit"))} & set(UNIT_WORDS.values())
-    return sorted({UNIT_WORDS[word] for word in said & UNIT_WORDS.keys()} | stated)
 
 
 def order_velocities(evidence: Evidence, proposal: Proposal) -> None:

@@ -34,8 +34,7 @@ from leapgap.logs.map_proposal.joint_units import (
 )
 from leapgap.logs.map_proposal.unit_readings import find_time, judge_time
 from leapgap.robot.model import Robot
-from leapgap.robot.stated_servos import servo_gains
-from leapgap.robot.tied_joints import Tie, tied_joints
+from leapgap.robot.stated_joints import Tie, servo_gains, tied_joints
 
 SAME_TORQUE = 0.3
 """Measured over sent torque may depart from 1 by this much: motors are weak, currents are poor torque sensors."""
@@ -242,7 +241,12 @@ def propose(table: Table, robot: Robot, stated: Mapping[str, Any]) -> Proposal:
 
 def tell_unused(columns: Sequence[str], table: Table, robot: Robot, proposal: Proposal) -> None:
     """Name the columns that the map does not use: of numbers, of text, and those that are no columns of the log."""
-    used = used_columns(robot, proposal)
+    # The columns of a table that the map names, with ``*`` for what each joint is called in it
+    used = {str(proposal.options.get(part, "")) for part in ("cut_by", "steps")}
+    for ours, theirs in proposal.options.get("columns", {}).items():
+        quantity, _, place = ours.partition("/")
+        named = set(theirs) if isinstance(theirs, Mapping) else {str(theirs)}
+        used |= {their_column(quantity, joint, proposal) for joint in robot.joints} if place == "*" else named
     if names := in_groups([column for column in columns if column not in used]):
         proposal.say(UNUSED, names)
     others = {name: array for name, array in table.arrays.items() if not array.ndim or table.rows not in array.shape}
@@ -265,16 +269,6 @@ def in_groups(columns: Sequence[str]) -> str:
     if len(names) > MOST_NAMED:
         names = [*names[:MOST_NAMED], f"{len(names) - MOST_NAMED} more"]
     return ", ".join(names)
-
-
-def used_columns(robot: Robot, proposal: Proposal) -> set[str]:
-    """The columns of a table that the map names, with ``*`` for what each joint is called in it."""
-    used = {str(proposal.options.get(part, "")) for part in ("cut_by", "steps")}
-    for ours, theirs in proposal.options.get("columns", {}).items():
-        quantity, _, place = ours.partition("/")
-        named = set(theirs) if isinstance(theirs, Mapping) else {str(theirs)}
-        used |= {their_column(quantity, joint, proposal) for joint in robot.joints} if place == "*" else named
-    return used
 
 
 def has_numbers(table: Table, column: str) -> bool:

@@ -288,11 +288,6 @@ def units_of_time(instants: np.ndarray, column: str, period_s: float | None) -> 
     return sorted(found, key=lambda unit: unit not in words(column))
 
 
-def is_counter(instants: np.ndarray) -> bool:
-    """Whether a clock counts up by one: it may count rows, of any length."""
-    return bool((np.diff(instants) == 1).all())
-
-
 def find_steps(column: str, steps: np.ndarray, evidence: Evidence, proposal: Proposal) -> None:
     """A column with the length of each step: a period where it is one number, else what the time is the sum of."""
     unit = next((one for one in TIME_UNITS if STEPS[0] <= np.median(steps) * UNITS["s"][one] <= STEPS[1]), None)
@@ -323,7 +318,7 @@ def judge_time(columns: Sequence[str], reading: UnitReading | None, evidence: Ev
         said = f"time is {column} in {unit}: steps of {1e3 * step.mean():.4g} ms on average ({longest})"
         rivals = [one for one in evidence.time_units if one != unit]
         rate_fits = reading is not None and reading.velocity in ("rad/s", "deg/s")
-        if is_counter(evidence.instants):
+        if bool((np.diff(evidence.instants) == 1).all()):
             evidence.time_known = GUESSED
             if not rate_fits:
                 proposal.drop("time")

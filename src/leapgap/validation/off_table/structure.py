@@ -1,4 +1,4 @@
-"""Off-table effects of the robot's structure; the bent calf is in ``leapgap.simulation.off_table``."""
+"""Off-table effects of the robot's structure; the bent calf is in ``leapgap.simulation.presets``."""
 
 from dataclasses import dataclass
 
