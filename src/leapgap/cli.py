@@ -517,7 +517,7 @@ def import_line(log: Any) -> str:
 
 def run_effects(chosen: argparse.Namespace) -> None:
     """Print a line for each parameter of each effect."""
-    from leapgap.reports.effects_table import effect_rows
+    from leapgap.reports.written import effect_rows
 
     robot = robot_of(chosen)
     rows = effect_rows(robot)

@@ -11,7 +11,7 @@ from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
 from leapgap.effects.bodies import LegMass, LinkInertia
 from leapgap.errors import InputError
-from leapgap.reports.effects_table import effect_rows
+from leapgap.reports.written import effect_rows
 from leapgap.robot.model import Robot
 
 BOTH = ("leg_mass", "link_mass")

@@ -12,8 +12,7 @@ from leapgap.logs import state
 from leapgap.logs.log import Log
 from leapgap.logs.metadata import FLIGHT, LIFT_OFF_WINDOW_S, Segment
 from leapgap.logs.schema import PAIR_FORCE_AXES
-from leapgap.reports.recorder import Recorder, rows_at_period
-from leapgap.reports.shown_robot import Colour, ShownRobot
+from leapgap.reports.shown_robot import Colour, Recorder, ShownRobot, rows_at_period
 from leapgap.robot.model import Robot
 from leapgap.robot.terrain import ground_geoms
 from leapgap.robot.topology import PAIRS

@@ -22,12 +22,20 @@ from leapgap.diagnosis.summary import brief
 from leapgap.effects import effect_words, parameter_words, sentence_words
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
-from leapgap.reports.channel_names import channel_title, channel_words, unit_of
-from leapgap.reports.channels_data import channels_data
-from leapgap.reports.diagnosis_figures import closures, gap_map, gap_per_log, horizons, profiles, similarities
+from leapgap.reports.channels_data import channel_title, channel_words, channels_data, unit_of
+from leapgap.reports.diagnosis_figures import (
+    closures,
+    gap_map,
+    gap_per_log,
+    horizons,
+    profiles,
+    residual_figure,
+    residual_force,
+    similarities,
+    similarity,
+    state_figure,
+)
 from leapgap.reports.page import embed_json, render_page
-from leapgap.reports.residual_force import residual_figure, residual_force, state_figure
-from leapgap.reports.similarity import similarity
 from leapgap.robot.loop import Loop
 from leapgap.robot.model import Robot
 

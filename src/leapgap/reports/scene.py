@@ -9,8 +9,7 @@ from leapgap.logs.log import Log
 from leapgap.logs.metadata import segment_of_rows
 from leapgap.logs.pair_force import WORLD_X_Z, by_pair
 from leapgap.reports.plots import ground_friction, planned_to_push, split_at_take_off
-from leapgap.reports.recorder import Recorder
-from leapgap.reports.shown_robot import Colour, ShownRobot
+from leapgap.reports.shown_robot import Colour, Recorder, ShownRobot
 from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PAIRS
 from leapgap.robot.visuals import Shape, shapes

@@ -29,17 +29,19 @@ from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import SensorNoise
 from leapgap.validation.case_draw import Case
 from leapgap.validation.generator import (
+    USUAL,
     Effects,
     GeneratedJump,
     Generator,
     Nuisance,
     NuisanceSizes,
+    Physics,
     generate_jumps,
+    physics_of,
     planned_rows,
 )
 from leapgap.validation.off_table import family
 from leapgap.validation.outcome import CLOCK, DETECTABLE_FLOORS
-from leapgap.validation.physics import USUAL, Physics, physics_of
 from leapgap.validation.uneven_rows import ClockFamily, UnevenRows, draw_timings
 
 CLOCK_SEED = 2

@@ -13,10 +13,8 @@ from leapgap.jumping.task import begin_of
 from leapgap.logs.cutting import rows_between
 from leapgap.logs.log import Log, read_log
 from leapgap.logs.metadata import ROUNDING_S
-from leapgap.reports.layout import plot
-from leapgap.reports.log_recording import Further, record_jump
-from leapgap.reports.recorder import Recorder
-from leapgap.reports.shown_robot import ShownRobot
+from leapgap.reports.log_recording import Further, plot, record_jump
+from leapgap.reports.shown_robot import Recorder, ShownRobot
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import read_json
 

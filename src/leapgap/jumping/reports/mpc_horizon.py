@@ -23,9 +23,8 @@ from leapgap.logs.log import Log, read_log
 from leapgap.logs.pair_force import per_axis
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 from leapgap.reports.plots import Curve, log_plot
-from leapgap.reports.recorder import Recorder
 from leapgap.reports.scene import WORLD
-from leapgap.reports.shown_robot import Colour
+from leapgap.reports.shown_robot import Colour, Recorder
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
 

@@ -12,12 +12,10 @@ import rerun.blueprint as rrb
 
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
-from leapgap.reports.layout import add_panels, overview, plot
-from leapgap.reports.log_recording import log_notes
+from leapgap.reports.log_recording import add_panels, log_notes, overview, plot
 from leapgap.reports.plots import COMPONENTS, Curve, components, log_phases, log_plot
-from leapgap.reports.recorder import Recorder, recording
 from leapgap.reports.scene import WORLD, log_scene
-from leapgap.reports.shown_robot import GHOSTS, Colour, ShownRobot, shown_robots
+from leapgap.reports.shown_robot import GHOSTS, Colour, Recorder, ShownRobot, recording, shown_robots
 from leapgap.robot.model import Robot
 
 TRUTH = "measured"
