@@ -85,22 +85,6 @@ BASE = (
 JOINT = ("joint_pos", "joint_vel")
 
 
-def channel_groups(logs: Sequence[Log], robot: Robot) -> dict[str, list[str]]:
-    """Channels that every log has: those of the base, then those of each limb."""
-    groups = {"base": list(BASE)}
-    for joint in robot.joints:
-        groups.setdefault(robot.limb_of(joint), []).extend(f"{quantity}/{joint}" for quantity in JOINT)
-    there = {name: [one for one in of if all(is_logged(log, one) for log in logs)] for name, of in groups.items()}
-    return {name: of for name, of in there.items() if of}
-
-
-def largest_first(report: ReportContent, groups: Mapping[str, Sequence[str]]) -> list[str]:
-    """The channels to show first: those of the headline of jumps, else those with the largest shares of the gap."""
-    known = {channel for of in groups.values() for channel in of}
-    wanted = JUMP if report.headline.preset == "jump" else dict.fromkeys(place.channel for place in report.where)
-    return [channel for channel in wanted if channel in known][:MOST_FIRST]
-
-
 def channels_data(
     report: ReportContent,
     logs: Sequence[Log],
@@ -109,9 +93,17 @@ def channels_data(
     corrected: Mapping[str, Log] | None,
 ) -> dict[str, Any]:
     """All that the page draws: titles and groups of channels, and their curves and noise by log."""
-    groups = channel_groups(logs, robot)
+    # Channels that every log has: those of the base, then those of each limb
+    groups = {"base": list(BASE)}
+    for joint in robot.joints:
+        groups.setdefault(robot.limb_of(joint), []).extend(f"{quantity}/{joint}" for quantity in JOINT)
+    there = {name: [one for one in of if all(is_logged(log, one) for log in logs)] for name, of in groups.items()}
+    groups = {name: of for name, of in there.items() if of}
     channels = [name for of in groups.values() for name in of]
-    first = largest_first(report, groups)
+    # The channels to show first: those of the headline of jumps, else those with the largest shares of the gap
+    known = {channel for of in groups.values() for channel in of}
+    wanted = JUMP if report.headline.preset == "jump" else dict.fromkeys(place.channel for place in report.where)
+    first = [channel for channel in wanted if channel in known][:MOST_FIRST]
     sources = 3 if corrected else 2
     seconds = sum(len(log) * log.info.sample_period_s for log in logs)
     interval = max(LEAST_INTERVAL_S, seconds * sources * max(1, len(channels)) / MOST_VALUES)

@@ -35,39 +35,6 @@ MOST_JOINTS = 8
 """Number of joints that are shown beside the scene of a robot without a base state."""
 
 
-def jump_blueprint(
-    actors: Sequence[ShownRobot], extra_lanes: int = 0, further: Sequence[rrb.Container] = ()
-) -> rrb.Blueprint:
-    """Scene on the left, base and residuals on the right, phases below; joints, forces and notes in tabs.
-
-    ``further`` tabs come after those of the forces.
-    """
-    main = actors[0]
-    tabs: list[rrb.Container | rrb.View] = [overview(actors, base_plots(actors), extra_lanes)]
-    tabs.append(rrb.Tabs(*[leg(main, name, len(actors) > 1) for name in legs(main)], name="Joints"))
-    forces = []
-    if any(main.jump.has_pair_force(source) for source in FORCE_COLOURS):
-        for axis in PAIR_FORCE_AXES:
-            forces.append(
-                plot(f"forces/{axis}", f"{axis.replace('_', ' feet, ')} [N]", legend=axis == PAIR_FORCE_AXES[0])
-            )
-        for pair in PAIRS:
-            forces.append(plot(f"forces/ratio_{pair}", f"{pair} feet, |F_x| / F_z", legend=pair == PAIRS[0]))
-    if any(f"foot_force/{foot}" in main.jump for foot in main.robot.feet):
-        forces.append(plot("forces/foot_sensors", "foot sensors [as logged]", legend=True))
-    if forces:
-        tabs.append(rrb.Grid(*forces, grid_columns=2, name="Ground forces on the robot"))
-    tabs.extend(further)
-    tabs.append(
-        rrb.Horizontal(
-            rrb.TextDocumentView(origin="notes", name="Notes"),
-            rrb.TextLogView(origin="events", name="Events"),
-            name="Notes",
-        )
-    )
-    return add_panels(rrb.Tabs(*tabs, active_tab=0))
-
-
 def add_panels(root: rrb.Container) -> rrb.Blueprint:
     """Complete a blueprint: collapsed side panels, and the time in seconds at the bottom."""
     return rrb.Blueprint(
@@ -123,7 +90,14 @@ def base_plots(actors: Sequence[ShownRobot]) -> rrb.Container:
     main = actors[0]
     shown = [part for part in COMPONENTS if any(part in components(actor.jump) for actor in actors)]
     if not shown:
-        return joint_positions(main)
+        # Positions of the first joints, for logs without a base state; the tab of the joints has all of them
+        joints = main.robot.joints[:MOST_JOINTS]
+        of_limb = [(main.robot.limb_of(joint), joint) for joint in joints]
+        views = [
+            plot(f"joints/{limb}/{joint}/joint_pos", f"{joint} position [rad]", legend=joint == joints[0])
+            for limb, joint in of_limb
+        ]
+        return rrb.Grid(*views, grid_columns=2 if len(views) > 3 else 1, name="Joint positions")
     with_legend = (shown[0], *shown[3:4])
     values = {p.key: plot(f"base/{p.key}", p.label, p in with_legend) for p in shown}
     if len(actors) == 1:
@@ -138,17 +112,6 @@ def base_plots(actors: Sequence[ShownRobot]) -> rrb.Container:
             views = [view for key in keys for view in (values[key], residuals[key])]
             pages.append(rrb.Grid(*views, grid_columns=2, name=name))
     return rrb.Tabs(*pages, active_tab=0)
-
-
-def joint_positions(actor: ShownRobot) -> rrb.Container:
-    """Positions of the first joints, for logs without a base state; the tab of the joints has all of them."""
-    joints = actor.robot.joints[:MOST_JOINTS]
-    of_limb = [(actor.robot.limb_of(joint), joint) for joint in joints]
-    views = [
-        plot(f"joints/{limb}/{joint}/joint_pos", f"{joint} position [rad]", legend=joint == joints[0])
-        for limb, joint in of_limb
-    ]
-    return rrb.Grid(*views, grid_columns=2 if len(views) > 3 else 1, name="Joint positions")
 
 
 def legs(actor: ShownRobot) -> tuple[str, ...]:
@@ -202,7 +165,31 @@ def record_jump(
     ``further`` is what an application adds.
     """
     actors = shown_robots(label, jump, ghosts, robot)
-    blueprint = jump_blueprint(actors, len(substitutes), [one.tab for one in further])
+    # Scene on the left, base and residuals on the right, phases below; joints, forces and notes in tabs
+    main = actors[0]
+    tabs: list[rrb.Container | rrb.View] = [overview(actors, base_plots(actors), len(substitutes))]
+    tabs.append(rrb.Tabs(*[leg(main, name, len(actors) > 1) for name in legs(main)], name="Joints"))
+    forces = []
+    if any(main.jump.has_pair_force(source) for source in FORCE_COLOURS):
+        for axis in PAIR_FORCE_AXES:
+            forces.append(
+                plot(f"forces/{axis}", f"{axis.replace('_', ' feet, ')} [N]", legend=axis == PAIR_FORCE_AXES[0])
+            )
+        for pair in PAIRS:
+            forces.append(plot(f"forces/ratio_{pair}", f"{pair} feet, |F_x| / F_z", legend=pair == PAIRS[0]))
+    if any(f"foot_force/{foot}" in main.jump for foot in main.robot.feet):
+        forces.append(plot("forces/foot_sensors", "foot sensors [as logged]", legend=True))
+    if forces:
+        tabs.append(rrb.Grid(*forces, grid_columns=2, name="Ground forces on the robot"))
+    tabs.extend([one.tab for one in further])
+    tabs.append(
+        rrb.Horizontal(
+            rrb.TextDocumentView(origin="notes", name="Notes"),
+            rrb.TextLogView(origin="events", name="Events"),
+            name="Notes",
+        )
+    )
+    blueprint = add_panels(rrb.Tabs(*tabs, active_tab=0))
     with recording(path, title or jump.name, blueprint) as to:
         log_scene(to, actors)
         end = max(actor.jump.time[-1] for actor in actors)

@@ -22,19 +22,6 @@ def record_report(report: Report, path: Path) -> None:
     record_jump(path, shown, report.robot, beside, title=f"diagnosis of {shown.name}", says=content.sentence)
 
 
-def write_replays(report: Report, folder: Path) -> None:
-    """Write the replays of all logs as logs, the logs as they were judged, and which log is the median one.
-
-    Logs that are judged by a clock of their own have other times than those that were read, and so have their replays.
-    """
-    write_json(folder / DIAGNOSED, {"log": report.content.median_log, "sentence": report.sentence})
-    for kind, replays in (("nominal", report.nominal), ("corrected", report.corrected)):
-        for name, replay in replays.items():
-            write_log(replay, folder / kind / f"{name}.parquet")
-    for log in report.logs:
-        write_log(log, folder / JUDGED / f"{log.name}.parquet")
-
-
 REPLAYS = "replays"
 """Folder of the replays inside that of the report, where they have none of their own."""
 
@@ -69,4 +56,10 @@ def write_pages(
         replace(report, record=record_report).write_page(folder, page.viewer)
         if page.recordings:
             record_report(report, folder / RECORDING)
-        write_replays(report, beside)
+        # Write the replays of all logs as logs, the logs as they were judged, and which log is the median one
+        write_json(beside / DIAGNOSED, {"log": report.content.median_log, "sentence": report.sentence})
+        for kind, simulated in (("nominal", report.nominal), ("corrected", report.corrected)):
+            for name, replay in simulated.items():
+                write_log(replay, beside / kind / f"{name}.parquet")
+        for log in report.logs:
+            write_log(log, beside / JUDGED / f"{log.name}.parquet")

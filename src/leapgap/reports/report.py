@@ -89,6 +89,7 @@ def html(
             of_joints = robot.joints, [units.get(one, "N·m") for one in robot.joints]
             figures |= {"force": residual_figure(course, *of_joints), "by_state": state_figure(course, *of_joints)}
     channels = channels_data(report, logs, robot, nominal, corrected if report.answer else None)
+    # ``jump`` for logs of jumps, ``base`` for others of a robot with a free base, ``fixed`` for one without
     return render_page(
         Path(__file__).with_name("report.html"),
         figures,
@@ -101,7 +102,7 @@ def html(
         effect_words=effect_words,
         parameter_words=parameter_words,
         title=channel_title,
-        kind=kind_of(report, robot),
+        kind=("jump" if report.headline.preset == "jump" else ("base" if robot.has_free_base else "fixed")),
         brief=brief,
         number=number,
         split_numbers=split_numbers,
@@ -162,13 +163,6 @@ def split_numbers(numbers: Sequence[BestNumber]) -> tuple[list[BestNumber], list
     return shown, hidden
 
 
-def kind_of(report: ReportContent, robot: Robot) -> str:
-    """``jump`` for logs of jumps, ``base`` for others of a robot with a free base, ``fixed`` for one without."""
-    if report.headline.preset == "jump":
-        return "jump"
-    return "base" if robot.has_free_base else "fixed"
-
-
 POSITIONS = ("joint_pos", "base_pos", *BASE_TURNS)
 ANGLES = {"rad": "°", "rad/s": "°/s"}
 
@@ -188,7 +182,10 @@ def tiles(
 ) -> list[Tile]:
     """The figures, the most telling first."""
     answered, found = bool(report.answer), []
-    channel = worst_channel(report, logs)
+    # The channel with the largest share of the gap that all logs have, a position where there is one
+    channels = [place.channel for place in report.where if all(is_logged(log, place.channel) for log in logs)]
+    positions = [one for one in channels if one.startswith(POSITIONS)]
+    channel = next(iter([*positions, *channels]), None)
     if channel is not None:
         unit = unit_of(channel)
         factor = math.degrees(1) if unit in ANGLES else 1.0
@@ -210,13 +207,6 @@ def tiles(
     seconds = sum(float(log.time[-1]) for log in logs)
     found.append(Tile(str(len(logs)), "", "logs", f"{seconds:.3g} s of motion"))
     return found
-
-
-def worst_channel(report: ReportContent, logs: Sequence[Log]) -> str | None:
-    """The channel with the largest share of the gap that all logs have, a position where there is one."""
-    channels = [place.channel for place in report.where if all(is_logged(log, place.channel) for log in logs)]
-    positions = [one for one in channels if one.startswith(POSITIONS)]
-    return next(iter([*positions, *channels]), None)
 
 
 def rms(logs: Sequence[Log], replays: Mapping[str, Log], channel: str) -> float:

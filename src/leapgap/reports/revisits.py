@@ -39,16 +39,6 @@ class Seen:
     first: CaseOutcome
 
 
-def ablation_cases(cases: list[Seen], number: int | None) -> list[Seen]:
-    """Cases of detectable single effects that were named first: one per effect, at most ``number`` (None: all)."""
-    chosen: dict[str, Seen] = {}
-    for case in cases:
-        first = case.first
-        if first.kind == "single" and first.detectable and first.first == first.true[0]:
-            chosen.setdefault(first.true[0], case)
-    return list(chosen.values())[:number]
-
-
 def ablation_result(case: Seen, folder: Path) -> dict[str, Any]:
     """Result of a diagnosis without the true effect.
 
@@ -159,12 +149,27 @@ class Revisit:
     def run(self, by: str) -> None:
         """Choose the cases, diagnose them again, and write the results; ``by``: the command that writes."""
         settings, out = self.settings, self.cache.folder
-        cases = read_cases(settings, self.robot.topology.sides)
+        # Read the cases with a verdict and check their seals; those of the reported half come first
+        cases: list[Seen] = []
+        if not Path(settings.verdicts).is_dir():
+            raise InputError(settings.verdicts, "no such folder", "verdicts", "run stages.diagnose_withheld first")
+        for path in sorted(Path(settings.verdicts).glob(f"*/{REPORT}")):
+            name = path.parent.name
+            truth, report = open_truth(Path(settings.truth), Path(settings.logs), name), read_json(path)
+            if truth["kind"] != "published" and "robot" not in truth:
+                cases.append(Seen(name, truth, report, outcome(name, truth, report, None, self.robot.topology.sides)))
+        cases = sorted(cases, key=lambda case: case.first.half)
         claim_folder(out, by)
         struck, experiments, missed = (
             None if number < 0 else number for number in (settings.struck, settings.experiments, settings.missed)
         )
-        ablated = ablation_cases(cases, struck)
+        # Cases of detectable single effects that were named first: one per effect, at most ``number`` (None: all)
+        named_first: dict[str, Seen] = {}
+        for case in cases:
+            first = case.first
+            if first.kind == "single" and first.detectable and first.first == first.true[0]:
+                named_first.setdefault(first.true[0], case)
+        ablated = list(named_first.values())[:struck]
         jobs = [
             self.job("struck", case, Path(settings.logs) / case.name, without=[case.first.true[0]]) for case in ablated
         ]
@@ -207,19 +212,3 @@ class Revisit:
                 shutil.copytree(logs, folder / case.name)
                 write_logs(make(), folder / case.name)
         return self.cache.folder / place
-
-
-def read_cases(settings: RevisitSettings, sides: Mapping[str, str]) -> list[Seen]:
-    """Read the cases with a verdict and check their seals; those of the reported half come first.
-
-    Further jumps are planned for the pipeline's own robot, so that cases of other robots are left out.
-    """
-    cases: list[Seen] = []
-    if not Path(settings.verdicts).is_dir():
-        raise InputError(settings.verdicts, "no such folder", "verdicts", "run stages.diagnose_withheld first")
-    for path in sorted(Path(settings.verdicts).glob(f"*/{REPORT}")):
-        name = path.parent.name
-        truth, report = open_truth(Path(settings.truth), Path(settings.logs), name), read_json(path)
-        if truth["kind"] != "published" and "robot" not in truth:
-            cases.append(Seen(name, truth, report, outcome(name, truth, report, None, sides)))
-    return sorted(cases, key=lambda case: case.first.half)  # "reported" before "tuning"

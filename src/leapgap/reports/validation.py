@@ -152,6 +152,16 @@ def html(
         )
     }
     wrong = [r for r in rows if r["half"] in halves and (r["wrongly_named"] or not r["right"])]
+    # One row per bar that a half misses, with the cases that count against it, the most frequent first
+    lines = []
+    for line, key in zip(score_table(halves), BARS, strict=True):
+        for half in HALVES:
+            if line[half]["reaches"] is False and key in CONDITIONS:
+                against = [r for r in rows_of(half, rows) if key in r["counted_against"]]
+                names = Counter(f"{' + '.join(r['true']) or r['kind']} → {describe_answer(r, key)}" for r in against)
+                cases = ", ".join(f"{name}{f' ({n}×)' if n > 1 else ''}" for name, n in names.most_common())
+                reason = explain_misses(key, against, revisits["missed"])
+                lines.append({"half": half, "words": line["words"], "cases": cases, "why": reason})
     return render_text(
         Path(__file__).with_name("validation.html"),
         figures,
@@ -159,7 +169,7 @@ def html(
         table=score_table(halves),
         names_of_robots={half: list(halves[half]["robots"]) for half in halves},
         robots={half: robot_table(halves[half]["robots"]) for half in halves},
-        missed=missed_bars(halves, rows, revisits["missed"]),
+        missed=lines,
         counts={half: (halves[half]["cases"], halves[half]["detectable"]) for half in halves},
         wrong=sorted(wrong, key=lambda r: (not r["wrongly_named"], r["half"], r["case"])),
         rows=rows,
@@ -209,25 +219,6 @@ def robot_table(scores: Mapping[str, Mapping[str, Any]]) -> dict[str, list[str]]
 def rows_of(half: str, rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """The rows of one half that are of the pipeline's own robot."""
     return [row for row in rows if row["half"] == half and row["robot"] is None]
-
-
-def missed_bars(
-    halves: Mapping[str, Mapping[str, Any]], rows: Sequence[Mapping[str, Any]], missed: Mapping[str, Mapping[str, Any]]
-) -> list[dict[str, str]]:
-    """One row per bar that a half misses, with the cases that count against it, the most frequent first.
-
-    ``missed`` are cases that were diagnosed again with further jumps.
-    """
-    lines = []
-    for line, key in zip(score_table(halves), BARS, strict=True):
-        for half in HALVES:
-            if line[half]["reaches"] is False and key in CONDITIONS:
-                against = [r for r in rows_of(half, rows) if key in r["counted_against"]]
-                names = Counter(f"{' + '.join(r['true']) or r['kind']} → {describe_answer(r, key)}" for r in against)
-                cases = ", ".join(f"{name}{f' ({n}×)' if n > 1 else ''}" for name, n in names.most_common())
-                reason = explain_misses(key, against, missed)
-                lines.append({"half": half, "words": line["words"], "cases": cases, "why": reason})
-    return lines
 
 
 def explain_misses(key: str, against: Sequence[Mapping[str, Any]], missed: Mapping[str, Mapping[str, Any]]) -> str:

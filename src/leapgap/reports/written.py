@@ -28,7 +28,8 @@ VIEWER = "the viewer's package rerun-sdk is not installed (pip install 'leapgap[
 
 def what_was_written(folder: Path) -> list[str]:
     """What a report's folder holds, file by file, what it lacks and why, and of each identified effect where it is."""
-    inside = corrected_holds()
+    own = {**CORRECTED_HOLDS, ASSETS: "the meshes and pictures of these models"}
+    inside = own | {name: kind.says.replace("`", "") for name, kind in exports().items()}
     lines = [f"written to {folder}:", *named(folder, HOLDS, "  "), *named(folder / CORRECTED, inside, "    ")]
     if not (folder / RECORDING).exists():
         lines.append(f"  no {RECORDING}: {VIEWER if find_spec('rerun') is None else 'none was asked for'}")
@@ -36,12 +37,6 @@ def what_was_written(folder: Path) -> list[str]:
         lacking = [name for name in inside if name != ASSETS and not (folder / CORRECTED / name).exists()]
         lines += [f"  no {CORRECTED}/{name}: {CORRECTED}/{README} says why" for name in lacking]
     return [*lines, *effects_of(folder)]
-
-
-def corrected_holds() -> Mapping[str, str]:
-    """What each file and folder of a corrected robot holds."""
-    own = {**CORRECTED_HOLDS, ASSETS: "the meshes and pictures of these models"}
-    return own | {name: kind.says.replace("`", "") for name, kind in exports().items()}
 
 
 def named(folder: Path, holds: Mapping[str, str], indent: str) -> list[str]:

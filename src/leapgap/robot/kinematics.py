@@ -13,12 +13,6 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import POSITION_SLICE, QUATERNION_SLICE, VELOCITY_SLICE, Motion
 
 
-def rest_pose(robot: Robot) -> np.ndarray:
-    """``qpos`` of the model's first keyframe, or of the model itself where it has none, shape (nq,)."""
-    model = robot.model
-    return (model.key_qpos[0] if model.nkey else model.qpos0).copy()
-
-
 def configurations(
     robot: Robot,
     joint_pos: np.ndarray,
@@ -31,7 +25,8 @@ def configurations(
     ``joint_pos`` is (rows, joints) in rad (m for slides), in the order of ``joints`` or of ``robot.joints``;
     ``base_position`` (rows, 3) m and ``base_quaternion`` (rows, 4) w x y z are used for a free base alone.
     """
-    qpos = np.tile(rest_pose(robot), (len(joint_pos), 1))
+    model = robot.model
+    qpos = np.tile((model.key_qpos[0] if model.nkey else model.qpos0).copy(), (len(joint_pos), 1))
     if robot.has_free_base and base_position is not None:
         qpos[:, POSITION_SLICE] = base_position
     if robot.has_free_base and base_quaternion is not None:

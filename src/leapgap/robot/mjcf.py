@@ -105,8 +105,19 @@ def write_mjcf(spec: mujoco.MjSpec, path: Path) -> None:
         raise InputError(path.name, found, "bodies as they can be", "correct the effects or the model") from None
     root = as_xml(spec, model, path.parent)
     if problem := write_and_compare(root, path, model):
-        resolve_defaults(spec)
-        if write_and_compare(without_defaults(as_xml(spec, model, path.parent)), path, model):
+        # Put every element into the default class of all, so that it states whatever it has from a class of its own
+        kinds = "geoms joints sites cameras lights meshes materials pairs equalities tendons actuators"
+        for kind in kinds.split():
+            for element in getattr(spec, kind):
+                element.classname = spec.default
+        # An MJCF without default classes but that of all
+        root = as_xml(spec, model, path.parent)
+        for top in root.iterfind("default"):
+            for own in top.findall("default"):
+                top.remove(own)
+        for element in root.iter():
+            element.attrib.pop("childclass", None)
+        if write_and_compare(root, path, model):
             path.unlink()
             found = f"a corrected model that MuJoCo changes when it saves it ({problem})"
             do = "give each attached model a prefix, or write the model as one file"
@@ -131,24 +142,6 @@ def as_xml(spec: mujoco.MjSpec, model: mujoco.MjModel, folder: Path) -> ElementT
         for setting in ("assetdir", "strippath"):
             compiler.attrib.pop(setting, None)
         compiler.attrib |= {"meshdir": ASSETS, "texturedir": ASSETS}
-    return root
-
-
-def resolve_defaults(spec: mujoco.MjSpec) -> None:
-    """Put every element into the default class of all, so that it states whatever it has from a class of its own."""
-    kinds = ("geoms", "joints", "sites", "cameras", "lights", "meshes", "materials", "pairs", "equalities", "tendons")
-    for kind in (*kinds, "actuators"):
-        for element in getattr(spec, kind):
-            element.classname = spec.default
-
-
-def without_defaults(root: ElementTree.Element) -> ElementTree.Element:
-    """An MJCF without default classes but that of all."""
-    for top in root.iterfind("default"):
-        for own in top.findall("default"):
-            top.remove(own)
-    for element in root.iter():
-        element.attrib.pop("childclass", None)
     return root
 
 

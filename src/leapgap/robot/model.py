@@ -86,7 +86,15 @@ class Robot:
                 "at most one free joint, the base's and the first of all; other joints turn or slide about one axis",
                 "leave loose objects out of the model, and put the robot first",
             )
-        self.check_gravity()
+        # Refuse a free base without gravity, or with one that does not point down
+        x, y, z = gravity = gravity_of(self.model)
+        if self.has_free_base and not -z >= DOWNWARDS * max(float(np.linalg.norm(gravity)), LEAST_GRAVITY):
+            raise InputError(
+                self.path,
+                f"gravity ({x:g}, {y:g}, {z:g}) m/s² for a robot with a free base",
+                "gravity along −z: the world of a log has z up",
+                "correct option gravity and its flag, or hold the base (fix_base)",
+            )
         if not self.driven.any() and not self.is_free_body:
             raise InputError(
                 self.path,
@@ -97,20 +105,6 @@ class Robot:
         _ = self.topology  # names that this robot has not are told now, whoever needs its limbs and feet
         if not self.is_free_body:
             check_joint_pd(self.model, self.joint_actuators, self.actuators, self.path)
-
-    def check_gravity(self) -> None:
-        """Raise ``InputError`` for a free base without gravity, or with one that does not point down.
-
-        Logs have z up, and their feet stand. A robot that is held may have any gravity: an arm on a wall, or in space.
-        """
-        x, y, z = gravity = gravity_of(self.model)
-        if self.has_free_base and not -z >= DOWNWARDS * max(float(np.linalg.norm(gravity)), LEAST_GRAVITY):
-            raise InputError(
-                self.path,
-                f"gravity ({x:g}, {y:g}, {z:g}) m/s² for a robot with a free base",
-                "gravity along −z: the world of a log has z up",
-                "correct option gravity and its flag, or hold the base (fix_base)",
-            )
 
     @cached_property
     def model(self) -> mujoco.MjModel:
@@ -369,7 +363,11 @@ class Robot:
         spec = self.spec()
         keep_inertia_changeable(spec)
         slots = len(boxes) if slots is None else slots
-        contype, conaffinity = collision_bits(spec)
+        # ``contype`` and ``conaffinity`` of a geom of the world that everything of a robot collides with
+        contype = conaffinity = 0
+        for geom in spec.geoms:
+            if geom.parent.name != spec.worldbody.name:
+                contype, conaffinity = contype | int(geom.conaffinity), conaffinity | int(geom.contype)
         for i in range(slots):
             geom = spec.worldbody.add_geom()
             geom.name = f"terrain_{i}"
@@ -385,7 +383,14 @@ class Robot:
                 geom.size = [0.1, 0.1, 0.1]
                 geom.pos = [0.0, 0.0, -PARKED_BELOW_FLOOR_M]
         if len(spec.meshes):
-            discard_untouchable(spec, self.path)
+            # Take away meshes that nothing can touch, and what only shows: they make a model thousands of times larger
+            paired = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
+            bits = [(int(geom.contype), int(geom.conaffinity)) for geom in spec.geoms]
+            for geom, (contype, conaffinity) in zip(spec.geoms, bits, strict=True):
+                touches = any(contype & other[1] or conaffinity & other[0] for other in bits)
+                if not touches and geom.name not in paired and geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+                    geom.contype = geom.conaffinity = 0
+            discard_visual(spec, self.path)
         return spec
 
 
@@ -415,26 +420,3 @@ def rigid_bodies(robot: "Robot") -> mujoco.MjModel:
             geom.type, geom.meshname, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, "", [0.01, 0.01, 0.01]
     discard_visual(spec, robot.path)
     return spec.compile()
-
-
-def discard_untouchable(spec: mujoco.MjSpec, where: object) -> None:
-    """Take away the meshes that nothing can touch, and what only shows: they make a model thousands of times larger.
-
-    An arm above no floor often has meshes that would collide with a floor alone.
-    """
-    paired = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
-    bits = [(int(geom.contype), int(geom.conaffinity)) for geom in spec.geoms]
-    for geom, (contype, conaffinity) in zip(spec.geoms, bits, strict=True):
-        touches = any(contype & other[1] or conaffinity & other[0] for other in bits)
-        if not touches and geom.name not in paired and geom.type == mujoco.mjtGeom.mjGEOM_MESH:
-            geom.contype = geom.conaffinity = 0
-    discard_visual(spec, where)
-
-
-def collision_bits(spec: mujoco.MjSpec) -> tuple[int, int]:
-    """``contype`` and ``conaffinity`` of a geom of the world that everything of a robot collides with."""
-    contype = conaffinity = 0
-    for geom in spec.geoms:
-        if geom.parent.name != spec.worldbody.name:
-            contype, conaffinity = contype | int(geom.conaffinity), conaffinity | int(geom.contype)
-    return contype, conaffinity

@@ -74,7 +74,8 @@ class SourceTree:
                 if first not in {package.name for package in self.packages}:
                     found.add(first)
                 elif name in self.modules:
-                    found |= {name, *inner_packages(name)} & set(self.modules)
+                    parts = name.split(".")
+                    found |= {name, *{".".join(parts[:i]) for i in range(2, len(parts))}} & set(self.modules)
             imports = frozenset(found | self._loaded_by_name(module, tree, names))
             self._readings[module] = ModuleReading(imports, data_names(tree), digest_of(tree))
         return self._readings[module]
@@ -175,12 +176,6 @@ def data_names(tree: ast.Module) -> frozenset[str]:
     """String literals of a module that end like a data file."""
     values = (node.value for node in ast.walk(tree) if isinstance(node, ast.Constant))
     return frozenset(value for value in values if isinstance(value, str) and value.endswith(DATA))
-
-
-def inner_packages(name: str) -> set[str]:
-    """The packages around a module, but for the outermost: ``a.b`` of ``a.b.c``."""
-    parts = name.split(".")
-    return {".".join(parts[:i]) for i in range(2, len(parts))}
 
 
 def call_name(node: ast.Call) -> str:

@@ -112,15 +112,6 @@ def watch_parent(parent: int) -> None:
     os._exit(STOPPED)
 
 
-def end_workers() -> None:
-    """End the processes that this one has started, where they can be listed; the tracker of shared memory stays."""
-    for listed in Path("/proc/self/task").glob("*/children"):
-        for pid in map(int, listed.read_text().split()):
-            with contextlib.suppress(OSError):
-                if b"resource_tracker" not in Path(f"/proc/{pid}/cmdline").read_bytes():
-                    os.kill(pid, signal.SIGKILL)
-
-
 def open_closed_streams() -> None:
     """Give a process whose output or error stream is closed one that leads nowhere.
 
@@ -170,7 +161,12 @@ class InterruptGuard:
         if not self._ended.acquire(blocking=False):
             return  # another thread is at it
         line = self.line()
-        end_workers()
+        # End the processes that this one has started, where they can be listed; the tracker of shared memory stays
+        for listed in Path("/proc/self/task").glob("*/children"):
+            for pid in map(int, listed.read_text().split()):
+                with contextlib.suppress(OSError):
+                    if b"resource_tracker" not in Path(f"/proc/{pid}/cmdline").read_bytes():
+                        os.kill(pid, signal.SIGKILL)
         with contextlib.suppress(OSError, ValueError, RuntimeError):  # of one who prints at this moment
             sys.stdout.flush()
         for path in list(TEMPORARY):

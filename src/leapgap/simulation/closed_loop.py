@@ -167,7 +167,10 @@ class Plant:
     def send(self, command: Command) -> None:
         """Apply a command for one control period."""
         self.sent.append(command)
-        self._set_gains(command)
+        gains = command.kp.tobytes(), command.kd.tobytes()  # compared in a tenth of the time of the arrays
+        if gains != self.gains:
+            self.drive.set_joint_pd(self.model, self.robot, command.kp, command.kd)
+            self.gains = gains
         commands, (kp, kd) = self._arriving(), self.drive.gains(command.kp, command.kd)
         control = commands.torque[-1] + kp * commands.position[-1] + kd * commands.velocity[-1]
         for effect in self.effects_by_velocity:
@@ -179,7 +182,11 @@ class Plant:
             for effect in self.effects_by_load:
                 effect.put_controls(self.data.ctrl[None], load, self.model, self.robot)
         if len(self.truth) == 1:
-            self._start_motors()
+            # Let motors with a state of their own start at what is asked of them first
+            model, ends = self.model, np.cumsum([1, self.model.nq, self.model.nv])
+            if model.na or model.nq > self.robot.model.nq:
+                start = self.replayer.full_state(self.trial, model, self.data.ctrl[None])
+                _, self.data.qpos[:], self.data.qvel[:], self.data.act[:] = np.split(start, ends)
         mujoco.mj_step(self.model, self.data, self.substeps)
         self.truth.append(self.state)
 
@@ -190,22 +197,9 @@ class Plant:
         torque = np.clip(control - kp * position - kd * velocity, -limits, limits) * self.drive.gain
         return Load(torque[None], velocity[None], float(self.model.opt.timestep))
 
-    def _start_motors(self) -> None:
-        """Let motors with a state of their own start at what is asked of them first."""
-        model, ends = self.model, np.cumsum([1, self.model.nq, self.model.nv])
-        if model.na or model.nq > self.robot.model.nq:
-            start = self.replayer.full_state(self.trial, model, self.data.ctrl[None])
-            _, self.data.qpos[:], self.data.qvel[:], self.data.act[:] = np.split(start, ends)
-
     def disturb(self, actions: Sequence[Disturbance], time_s: float) -> None:
         """Apply the disturbances that act at a time; the next ``send`` simulates them."""
         disturb(self.model, self.data, self.robot.base_body, actions, time_s)
-
-    def _set_gains(self, command: Command) -> None:
-        gains = command.kp.tobytes(), command.kd.tobytes()  # compared in a tenth of the time of the arrays
-        if gains != self.gains:
-            self.drive.set_joint_pd(self.model, self.robot, command.kp, command.kd)
-            self.gains = gains
 
     def _arriving(self) -> Commands:
         """The newest commands as they reach the joints."""

@@ -156,7 +156,13 @@ def write_corrected(folder: Path, robot: Robot, correction: tuple[Effect, ...]) 
     spec, placed = corrected_spec(robot, correction)
     nominal = robot.published_spec() if robot.states_actuators else robot.spec()
     missing = {name: why for name, of in {MODEL: spec, NOMINAL: nominal}.items() if (why := saved(of, folder / name))}
-    write_json(folder / EFFECTS, {"effects": effects.to_config(correction), **settings_of(robot)})
+    # How the robot was loaded beyond its model file, as JSON
+    stated: dict[str, Any] = {}
+    if robot.stated_motors is not None:
+        stated["motors"] = asdict(robot.stated_motors)
+    if robot.names is not None:
+        stated["names"] = asdict(robot.names)
+    write_json(folder / EFFECTS, {"effects": effects.to_config(correction), **stated})
     found = parameters(robot, placed)
     write_json(folder / PARAMETERS, found)
     write_text(folder / README, readme(folder.name, found, missing))
@@ -171,16 +177,6 @@ def saved(spec: mujoco.MjSpec, path: Path) -> str:
         path.unlink(missing_ok=True)
         return str(error)
     return ""
-
-
-def settings_of(robot: Robot) -> dict[str, Any]:
-    """How the robot was loaded beyond its model file, as JSON."""
-    stated: dict[str, Any] = {}
-    if robot.stated_motors is not None:
-        stated["motors"] = asdict(robot.stated_motors)
-    if robot.names is not None:
-        stated["names"] = asdict(robot.names)
-    return stated
 
 
 def corrected_in(folder: Path) -> Path:

@@ -65,7 +65,22 @@ def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.M
     drive = Drive.ideal(len(robot.joints))
     for effect in correction:
         drive = effect.change_drive(drive, robot)
-    put_drive(drive, spec, robot)
+    # Put motors into the specification: a gain scales its actuators, a limit of voltage or a lag needs DC motors
+    resistance = drive.resistances(robot)
+    voltage = np.where(np.isfinite(drive.voltage_v), drive.voltage_v, 0.0)
+    for i, motor in enumerate(robot.actuators):
+        if not motor.driven:
+            continue
+        gain = float(drive.gain[i])
+        if gain != 1:
+            dc_motors.scale_joint(spec, motor.joint, gain)
+        if (limit := float(drive.limit_scale[i])) != 1:
+            dc_motors.scale_limit(spec, motor.joint, limit)
+            motor = replace(motor, limit=(limit * motor.limit[0], limit * motor.limit[1]))
+        if drive.electric[i]:
+            electric = (resistance[i], voltage[i], drive.lag_s[i], drive.heating[i], COOLING_S)
+            winding = dc_motors.Winding(*(float(number) for number in electric))
+            dc_motors.replace_by_dc_motor(spec, motor, gain, winding)
     if spec.option.density > 0:
         spec.option.integrator = mujoco.mjtIntegrator(robot.model.opt.integrator)  # they integrate drag differently
     return spec, tuple(placement(effect, robot, refused.get(id(effect), "")) for effect in correction)
@@ -128,37 +143,24 @@ def with_effects(inside: Sequence[Effect], spec: mujoco.MjSpec, robot: Robot) ->
     return changed
 
 
-def put_drive(drive: Drive, spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Put motors into the specification: a gain scales its actuators, a limit of voltage or a lag needs DC motors."""
-    resistance = drive.resistances(robot)
-    voltage = np.where(np.isfinite(drive.voltage_v), drive.voltage_v, 0.0)
-    for i, motor in enumerate(robot.actuators):
-        if not motor.driven:
-            continue
-        gain = float(drive.gain[i])
-        if gain != 1:
-            dc_motors.scale_joint(spec, motor.joint, gain)
-        if (limit := float(drive.limit_scale[i])) != 1:
-            dc_motors.scale_limit(spec, motor.joint, limit)
-            motor = replace(motor, limit=(limit * motor.limit[0], limit * motor.limit[1]))
-        if drive.electric[i]:
-            electric = (resistance[i], voltage[i], drive.lag_s[i], drive.heating[i], COOLING_S)
-            winding = dc_motors.Winding(*(float(number) for number in electric))
-            dc_motors.replace_by_dc_motor(spec, motor, gain, winding)
-
-
 def parameters(robot: Robot, placed: Sequence[Placement]) -> dict[str, Any]:
     """What ``parameters.json`` holds: effects with their values, joints, changed bodies and feet, SI units."""
     correction = [one.effect for one in placed]
     nominal = robot.model
     corrected = changed_model(nominal, robot, correction)
+    before, after = joint_numbers(robot, (), nominal), joint_numbers(robot, correction, corrected)
+    # Mass, centre of mass and inertia of the bodies whose numbers differ
+    fields = {"mass_kg": "body_mass", "com_m": "body_ipos", "inertia_kgm2": "body_inertia"}
+    names = [nominal.body(body).name or f"body_{body}" for body in robot.bodies]
     return {
         "robot": robot.name,
         "robot_sha256": robot.sha256,
         "units": "SI: N·m, rad, kg, m, s, V; joints that slide: N, m",
         "effects": [effect_entry(one, robot) for one in placed],
-        "joints": joint_entries(robot, correction, nominal, corrected),
-        "bodies": body_entries(robot, nominal, corrected),
+        "joints": {
+            joint: {key: pair(before[key][i], after[key][i]) for key in before} for i, joint in enumerate(robot.joints)
+        },
+        "bodies": changed_rows(nominal, corrected, dict(zip(names, robot.bodies, strict=True)), fields),
         "feet": foot_entries(robot, nominal, corrected),
     }
 
@@ -192,14 +194,6 @@ def effect_entry(placed: Placement, robot: Robot) -> dict[str, Any]:
     }
 
 
-def joint_entries(
-    robot: Robot, correction: Sequence[Effect], nominal: mujoco.MjModel, corrected: mujoco.MjModel
-) -> dict[str, Any]:
-    """Numbers of each joint: its friction, inertia and motor, and what acts between command and joint."""
-    before, after = joint_numbers(robot, (), nominal), joint_numbers(robot, correction, corrected)
-    return {joint: {key: pair(before[key][i], after[key][i]) for key in before} for i, joint in enumerate(robot.joints)}
-
-
 def joint_numbers(robot: Robot, correction: Sequence[Effect], model: mujoco.MjModel) -> dict[str, np.ndarray]:
     """Numbers of the joints of a robot with some effects, (joints,) each; ``model`` has the effects already."""
     count, dofs = len(robot.joints), robot.joint_dofs
@@ -225,13 +219,6 @@ def joint_numbers(robot: Robot, correction: Sequence[Effect], model: mujoco.MjMo
         "command_delay_s": delay,
         "encoder_bias_rad": bias,
     }
-
-
-def body_entries(robot: Robot, nominal: mujoco.MjModel, corrected: mujoco.MjModel) -> dict[str, Any]:
-    """Mass, centre of mass and inertia of the bodies whose numbers differ."""
-    fields = {"mass_kg": "body_mass", "com_m": "body_ipos", "inertia_kgm2": "body_inertia"}
-    names = [nominal.body(body).name or f"body_{body}" for body in robot.bodies]
-    return changed_rows(nominal, corrected, dict(zip(names, robot.bodies, strict=True)), fields)
 
 
 def foot_entries(robot: Robot, nominal: mujoco.MjModel, corrected: mujoco.MjModel) -> dict[str, Any]:

@@ -241,15 +241,12 @@ class RolloutModels:
         misread = (self.measure(trial, measured).qpos - measured.qpos)[:, robot.joint_qpos]  # biases of encoders
         position = (measured.qpos[:, robot.joint_qpos] - misread)[row]
         velocity = measured.qvel[row][:, robot.joint_dofs]
-        drive, (kp, kd) = self.drive(trial), self._gains(trial, row)
+        sent = (joint_commands(trial.log, self.robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        drive = self.drive(trial)
+        kp, kd = drive.gains(*sent)
         torque = asked - kp * position - kd * velocity
         limits = drive.torque_limits(robot) if limited else np.inf
         return Load(np.clip(torque, -limits, limits) * drive.gain, velocity, trial.period_s / self.substeps(log))
-
-    def _gains(self, trial: Rollout, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gains kp and kd of the joint PD that act in periods, (periods, joints), by the log's ``row`` in each."""
-        sent = (joint_commands(trial.log, self.robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
-        return self.drive(trial).gains(*sent)
 
     def measure(self, trial: Rollout, motion: Motion, steps: np.ndarray | None = None) -> Motion:
         """A true motion as the sensors of the trial's robot report it.

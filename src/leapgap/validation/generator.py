@@ -173,7 +173,8 @@ class Generator(Replayer):
         start = self.full_state(trial, model, control)
         ends = np.cumsum([1, model.nq, model.nv])
         _, data.qpos[:], data.qvel[:], data.act[:] = np.split(start, ends)
-        processes = self._processes(trial, model)
+        made = [e.process(model, self.robot, trial.log) for e in trial.effects if isinstance(e, OffTableEffect)]
+        processes = [process for process in made if process is not None]
         data.ctrl[:] = control[0]
         mujoco.mj_forward(model, data)
         qpos, qvel = np.empty((rows, nq)), np.empty((rows, nv))
@@ -182,7 +183,11 @@ class Generator(Replayer):
         lengths = self.row_lengths(trial, rows)
         for row in range(1, rows):
             data.ctrl[:] = control[row - 1]
-            step(model, data, processes, set_steps(lengths[row - 1], whole, substeps, model))
+            # Number of steps of a row of ``length`` periods of ``substeps`` steps of ``step_s`` each
+            length = lengths[row - 1]
+            steps = int(np.ceil(length * substeps - 1e-9))
+            model.opt.timestep = whole if steps in (0, length * substeps) else whole * length * substeps / steps
+            step(model, data, processes, steps)
             qpos[row], qvel[row] = data.qpos[:nq], data.qvel[:nv]
         if not (np.isfinite(qpos).all() and np.isfinite(qvel).all()):
             raise InputError(trial.log.name, "a motion that is not finite", "a stable motion", "draw smaller effects")
@@ -195,20 +200,6 @@ class Generator(Replayer):
             if isinstance(effect, UnevenRows):
                 lengths = effect.change_rows(lengths)
         return lengths
-
-    def _processes(self, trial: Rollout, model: mujoco.MjModel) -> list[Process]:
-        processes = [e.process(model, self.robot, trial.log) for e in trial.effects if isinstance(e, OffTableEffect)]
-        return [process for process in processes if process is not None]
-
-
-def set_steps(length: float, step_s: float, substeps: int, model: mujoco.MjModel) -> int:
-    """Number of steps of a row of ``length`` periods of ``substeps`` steps of ``step_s`` each.
-
-    The model's step is shortened so that they last just as long as the row.
-    """
-    steps = int(np.ceil(length * substeps - 1e-9))
-    model.opt.timestep = step_s if steps in (0, length * substeps) else step_s * length * substeps / steps
-    return steps
 
 
 def step(model: mujoco.MjModel, data: mujoco.MjData, processes: Sequence[Process], steps: int) -> None:
@@ -272,8 +263,14 @@ def generate_jump(
     still = hold_first_command(jump, course.settle_s)
     standing = raise_front(generator.first_state(Rollout(still)), plan.block_height_m, robot)
     standing = lift_out_of_ground(Rollout(still, effects), standing, generator)
-    whole = concatenate(still, jump)
-    acting = effects if timing is None else (*effects, held_rows(len(still), timing))
+    # The rows of the first log, then those of the second, on the clock of the second
+    period = jump.info.sample_period_s
+    columns = {name: np.concatenate([still[name], values]) for name, values in jump.columns.items()}
+    columns["time"] = np.arange(len(still) + len(jump)) * period
+    whole = replace(jump, columns=columns)
+    acting = tuple(effects)
+    if timing is not None:
+        acting = (*acting, UnevenRows(lengths=np.concatenate([np.ones(len(still)), timing.held])))
     (motion,) = generator.motions([Rollout(whole, acting, first_state=standing)])
     motion = Motion(motion.qpos[len(still) :], motion.qvel[len(still) :])
     errors = NoiseRows.draw(noise, len(motion.qpos), len(robot.joints), rng)
@@ -284,16 +281,3 @@ def generate_jump(
     shown = [rows.change_measured(own[timing.written], jump.info.sample_period_s, robot) for own in (noisy, motion)]
     log, clean = (log_of(plan.name, commanded, own, robot) for own in shown)
     return GeneratedJump(log, clean, rows)
-
-
-def held_rows(before: int, timing: Timing) -> UnevenRows:
-    """How long the rows of a jump are held, after so many rows of one period each."""
-    return UnevenRows(lengths=np.concatenate([np.ones(before), timing.held]))
-
-
-def concatenate(first: Log, second: Log) -> Log:
-    """The rows of the first log, then those of the second, on the clock of the second."""
-    period = second.info.sample_period_s
-    columns = {name: np.concatenate([first[name], values]) for name, values in second.columns.items()}
-    columns["time"] = np.arange(len(first) + len(second)) * period
-    return replace(second, columns=columns)

@@ -162,7 +162,12 @@ def ordinary_scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng:
     singles, pairs = ([o for o in outcomes if applies(o)] for applies in (detectable_single, detectable_pair))
     compared = [c for o in singles + pairs for c in o.compared]
     shares = {name: condition.share(outcomes) for name, condition in SHARES.items()}
-    errors = closure_errors(outcomes)
+    # |promised − realised closure| of every claim on a detectable case
+    errors = [
+        abs(o.promised - o.realised)
+        for o in outcomes
+        if o.detectable and o.promised is not None and o.realised is not None
+    ]
     return {
         "cases": len(outcomes),
         "detectable": sum(o.detectable for o in outcomes),
@@ -192,15 +197,6 @@ def mean_overlap(outcomes: Iterable[CaseOutcome], least_floors: float) -> float 
         for o in outcomes
         if o.detectable and o.where_overlap is not None and o.change_floors >= least_floors
     )
-
-
-def closure_errors(outcomes: Iterable[CaseOutcome]) -> list[float]:
-    """|promised − realised closure| of every claim on a detectable case."""
-    return [
-        abs(o.promised - o.realised)
-        for o in outcomes
-        if o.detectable and o.promised is not None and o.realised is not None
-    ]
 
 
 def claims(outcomes: Iterable[CaseOutcome]) -> tuple[np.ndarray, np.ndarray]:

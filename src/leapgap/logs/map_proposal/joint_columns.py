@@ -9,8 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from leapgap.logs.importers.column_map import UNITS
-from leapgap.logs.map_proposal.evidence import GUESSED, MISSING, Evidence, Proposal
-from leapgap.logs.map_proposal.unit_readings import SPUN_RAD, inside, real_limits
+from leapgap.logs.map_proposal.evidence import GUESSED, MISSING, SPUN_RAD, Evidence, Proposal, inside, real_limits
 from leapgap.logs.schema import COMMANDS
 from leapgap.robot.model import Robot
 

@@ -13,7 +13,17 @@ import numpy as np
 
 from leapgap.logs.clock import PERIOD_TOLERANCE
 from leapgap.logs.importers.column_map import UNITS
-from leapgap.logs.map_proposal.evidence import GUESSED, MISSING, SURE, Evidence, Proposal
+from leapgap.logs.map_proposal.evidence import (
+    GUESSED,
+    MARGIN_RAD,
+    MISSING,
+    SPUN_RAD,
+    SURE,
+    Evidence,
+    Proposal,
+    inside,
+    real_limits,
+)
 from leapgap.logs.map_proposal.joint_columns import NANOSECONDS, SECONDS, time_columns, words
 from leapgap.robot.model import Robot
 
@@ -43,27 +53,6 @@ LIKELY = {"rad": 0.0, "deg": 0.3, TICKS: 0.6, NORMALISED: 0.7, PERCENT: 0.8, "re
 OUTSIDE_COST, UNNAMED_COST, STILL_COST, NO_RATE_COST, TURNED_COST, LATER_COST = 3.0, 2.0, 1.0, 0.5, 0.5, 0.2
 STILL_SHARE_COST = 2.5
 """Of positions that would be shares of the joints' ranges, none of which moves by more than a few of a hundred."""
-MARGIN_RAD = 0.1
-"""Positions may lie beyond the limits by this much: play, soft stops."""
-TURN_RAD = 2 * math.pi - 0.2
-"""Limits that are further apart are no stops: the joint may turn over, whatever the model file says."""
-SPUN_RAD = 3 * math.pi
-"""A joint without stops that is further from zero is rather one of another unit."""
-
-
-def real_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Limits of each joint, rad (m of a slide), (joints, 2), and whether they are stops; without, ±3π stand there."""
-    limits, real = np.full((len(robot.joints), 2), [-SPUN_RAD, SPUN_RAD]), np.zeros(len(robot.joints), dtype=bool)
-    for i, name in enumerate(robot.joints):
-        joint = robot.model.joint(name)
-        if joint.limited[0] and np.ptp(joint.range) < TURN_RAD:
-            limits[i], real[i] = joint.range, True
-    return limits, real
-
-
-def inside(low: np.ndarray, high: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """Whether each range of positions, from ``low`` to ``high``, lies within its limits."""
-    return (low > limits[..., 0] - MARGIN_RAD) & (high < limits[..., 1] + MARGIN_RAD)
 
 
 @dataclass(frozen=True)

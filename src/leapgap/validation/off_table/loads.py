@@ -47,7 +47,7 @@ class MovingMass(OffTableEffect):
         body = model.body(self.name).id
         model.body_mass[robot.base_body] -= self.mass_kg
         model.body_mass[body] = self.mass_kg
-        self.mount(model, model.joint(self.name).id)
+        model.dof_frictionloss[model.jnt_dofadr[model.joint(self.name).id]] = BATTERY_FRICTION * self.mass_kg * GRAVITY
         recompute_constants(model)
 
     @abstractmethod
@@ -74,10 +74,6 @@ class LooseBattery(MovingMass):
     """A battery that slides in its tray, from stop to stop, against a little friction."""
 
     name = "loose_battery"
-
-    def mount(self, model: mujoco.MjModel, joint: int) -> None:
-        """Set the friction of the tray; its stops are the limits of the slide."""
-        model.dof_frictionloss[model.jnt_dofadr[joint]] = BATTERY_FRICTION * self.mass_kg * GRAVITY
 
 
 ANCHOR_M = np.array([-1.0, 0.0, 0.4])
@@ -154,7 +150,13 @@ class StickyFloor(OffTableEffect):
         def hold(model: mujoco.MjModel, data: mujoco.MjData) -> None:
             for geom, size in zip(geoms, radius, strict=True):
                 centre = data.geom_xpos[geom]
-                height = centre[2] - size - top_of_ground(jump, centre)
+                # Height of the stated ground under a point, m
+                tops = [
+                    box.top_m
+                    for box in jump.info.terrain
+                    if abs(centre[0] - box.x_m) < box.size_m[0] / 2 and abs(centre[1] - box.y_m) < box.size_m[1] / 2
+                ]
+                height = centre[2] - size - max(tops, default=0.0)
                 rising = (height - last.get(int(geom), height)) / model.opt.timestep
                 last[int(geom)] = height
                 if height < STICKY_M and rising > 0:
@@ -163,16 +165,6 @@ class StickyFloor(OffTableEffect):
                     mujoco.mj_applyFT(model, data, force, np.zeros(3), centre, body, data.qfrc_applied)
 
         return hold
-
-
-def top_of_ground(jump: Log, point: np.ndarray) -> float:
-    """Height of the stated ground under a point, m."""
-    tops = [
-        box.top_m
-        for box in jump.info.terrain
-        if abs(point[0] - box.x_m) < box.size_m[0] / 2 and abs(point[1] - box.y_m) < box.size_m[1] / 2
-    ]
-    return max(tops, default=0.0)
 
 
 LOSSES_SEED = 20_240_229
