@@ -47,7 +47,7 @@ class MovingMass(OffTableEffect):
         body = model.body(self.name).id
         model.body_mass[robot.base_body] -= self.mass_kg
         model.body_mass[body] = self.mass_kg
-        model.dof_frictionloss[model.jnt_dofadr[model.joint(self.name).id]] = BATTERY_FRICTION * self.mass_kg * GRAVITY
+        self.mount(model, model.joint(self.name).id)
         recompute_constants(model)
 
     @abstractmethod
@@ -74,6 +74,10 @@ class LooseBattery(MovingMass):
     """A battery that slides in its tray, from stop to stop, against a little friction."""
 
     name = "loose_battery"
+
+    def mount(self, model: mujoco.MjModel, joint: int) -> None:
+        """Set the friction of the tray; its stops are the limits of the slide."""
+        model.dof_frictionloss[model.jnt_dofadr[joint]] = BATTERY_FRICTION * self.mass_kg * GRAVITY
 
 
 ANCHOR_M = np.array([-1.0, 0.0, 0.4])
