@@ -82,12 +82,9 @@ def check_class(kind: Any) -> None:
     if not isinstance(getattr(kind, "name", None), str):
         raise InputError(where, "no name", 'a class variable like name = "my_effect"', "give it a name")
     if not (is_dataclass(kind) and "__dataclass_fields__" in vars(kind) and kind.declarations()):
-        raise InputError(
-            where,
-            "no parameter",
-            "a frozen dataclass with at least one field declared by leapgap.effects.base.parameter",
-            "decorate the class with @dataclass(frozen=True) and declare its parameters",
-        )
+        expected = "a frozen dataclass with at least one field declared by leapgap.effects.base.parameter"
+        do = "decorate the class with @dataclass(frozen=True) and declare its parameters"
+        raise InputError(where, "no parameter", expected, do)
     if kind.parameters.__func__ is Effect.parameters.__func__:  # type: ignore[attr-defined]
         own = [name for name, about in kind.declarations().items() if about.nominal is None]
         if own:

@@ -288,12 +288,9 @@ def torque_limits(robot: Robot) -> np.ndarray:
 def stated_motors(robot: Robot) -> MotorConstants:
     """Constants of the motors; ``InputError`` where nobody states them."""
     if robot.motors is None:
-        raise InputError(
-            robot.path,
-            "no constants of the motors",
-            f"the custom numbers {RESISTANCE} and {TOP_SPEED}",
-            "add them to the model file (docs/reference/log_format.md), or leave torque_speed_limit out",
-        )
+        expected = f"the custom numbers {RESISTANCE} and {TOP_SPEED}"
+        do = "add them to the model file (docs/reference/log_format.md), or leave torque_speed_limit out"
+        raise InputError(robot.path, "no constants of the motors", expected, do)
     return robot.motors
 
 

@@ -44,24 +44,18 @@ def check_rows(columns: Columns, where: str) -> None:
             raise InputError(f"{where}, column {name}", f"shape {values.shape}", f"({rows},)", "export it again")
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
-            raise InputError(
-                f"{where}, column {name}",
-                f"{len(bad)} values that are no number, first in row {bad[0]}",
-                "finite numbers",
-                "repair the log, or leave the column out if it was not measured",
-            )
+            found = f"{len(bad)} values that are no number, first in row {bad[0]}"
+            do = "repair the log, or leave the column out if it was not measured"
+            raise InputError(f"{where}, column {name}", found, "finite numbers", do)
 
 
 def check_times(columns: Columns, where: str) -> None:
     """Raise ``InputError`` where time stands still or runs back from one row to the next."""
     back = np.flatnonzero(np.diff(columns["time"]) <= 0)
     if len(back):
-        raise InputError(
-            f"{where}, column time",
-            f"a step of {np.diff(columns['time'])[back[0]]:g} s after row {back[0]}{copies_in_words(columns, back)}",
-            "strictly increasing times",
-            "sort the rows, or repair the clock",
-        )
+        found = f"a step of {np.diff(columns['time'])[back[0]]:g} s after row {back[0]}{copies_in_words(columns, back)}"
+        do = "sort the rows, or repair the clock"
+        raise InputError(f"{where}, column time", found, "strictly increasing times", do)
 
 
 def copies_in_words(columns: Columns, rows: np.ndarray) -> str:
@@ -79,12 +73,8 @@ def check_commands(columns: Columns, joints: Sequence[str], where: str) -> None:
     for quantity in COMMANDS:
         missing = [joint for joint in joints if f"{quantity}/{joint}" not in columns]
         if missing:
-            raise InputError(
-                where,
-                f"no {quantity} of {', '.join(missing)}",
-                "commands and gains of every joint",
-                "log them; the gap cannot be judged without the commands",
-            )
+            do = "log them; the gap cannot be judged without the commands"
+            raise InputError(where, f"no {quantity} of {', '.join(missing)}", "commands and gains of every joint", do)
 
 
 def check_base(columns: Columns, where: str) -> None:
@@ -97,12 +87,9 @@ def check_base(columns: Columns, where: str) -> None:
         length = np.linalg.norm(np.stack([columns[name] for name in BASE_QUATERNION], axis=-1), axis=1)
         worst = int(np.argmax(np.abs(length - 1)))
         if abs(length[worst] - 1) > 1e-3:
-            raise InputError(
-                f"{where}, base_quat, row {worst}",
-                f"length {length[worst]:g}",
-                "unit quaternions w x y z",
-                "normalise them, and check their order",
-            )
+            found = f"length {length[worst]:g}"
+            do = "normalise them, and check their order"
+            raise InputError(f"{where}, base_quat, row {worst}", found, "unit quaternions w x y z", do)
 
 
 WINDOW_S = 0.05
@@ -191,12 +178,9 @@ def check_velocities(
             continue
         speed = float(np.sqrt(np.mean((integrated[rows:, column] - integrated[:-rows, column]) ** 2)))
         if name.startswith("joint_pos/") and np.ptp(position[:, column]) == 0 and speed > MOVES:
-            raise InputError(
-                f"{where}, column {name}",
-                f"one value in all samples, while {other} moves by {speed:.2g} in {WINDOW_S:g} s",
-                "positions and velocities of one motion",
-                "map the measured positions, or repair the sensor",
-            )
+            found = f"one value in all samples, while {other} moves by {speed:.2g} in {WINDOW_S:g} s"
+            do = "map the measured positions, or repair the sensor"
+            raise InputError(f"{where}, column {name}", found, "positions and velocities of one motion", do)
     for column in np.flatnonzero(moving).tolist():
         name, other = positions[column], velocities[column]
         if alike[column] > SAME_MOTION and not 1 / LARGEST_RATIO < ratio[column] < LARGEST_RATIO:
@@ -319,12 +303,9 @@ def check_attitude(columns: Columns, time: np.ndarray, where: object) -> None:
     wrong = moving & (alike > SAME_MOTION) & ~((ratio > 1 / LARGEST_RATIO) & (ratio < LARGEST_RATIO))
     if wrong.any():
         axis = int(np.argmax(wrong))
-        raise InputError(
-            f"{where}, column {BASE_ANGULAR_VELOCITY[axes[axis]]}",
-            f"the attitude turns {ratio[axis]:.3g} times as much{typical(ratio[axis])}",
-            "rad/s, and a clock in s",
-            "correct the unit",
-        )
+        found = f"the attitude turns {ratio[axis]:.3g} times as much{typical(ratio[axis])}"
+        expected = "rad/s, and a clock in s"
+        raise InputError(f"{where}, column {BASE_ANGULAR_VELOCITY[axes[axis]]}", found, expected, "correct the unit")
 
 
 def turns(quaternion: np.ndarray, rows: int) -> np.ndarray:
@@ -366,20 +347,14 @@ def check_order(columns: Columns, joints: Sequence[str], where: object) -> None:
         return
     rough = np.mean(np.diff(position, axis=0) ** 2, axis=0) / np.maximum(variance, np.finfo(float).tiny)
     if (rough[wide] > ROUGH).all() and len(position) > 10:
-        raise InputError(
-            f"{where}, column {names[int(np.argmax(wide))]}",
-            "steps from row to row as large as the whole motion",
-            "rows in the order of time, several to a swing",
-            "sort the rows",
-        )
+        found = "steps from row to row as large as the whole motion"
+        expected = "rows in the order of time, several to a swing"
+        raise InputError(f"{where}, column {names[int(np.argmax(wide))]}", found, expected, "sort the rows")
     whole = wide & (position == np.round(position)).all(axis=0)
     if whole.any():
-        raise InputError(
-            f"{where}, column {names[int(np.argmax(whole))]}",
-            "whole numbers alone",
-            "angles in rad, or m",
-            "turn the counts of the encoder into rad by a factor, or export more digits",
-        )
+        found = "whole numbers alone"
+        do = "turn the counts of the encoder into rad by a factor, or export more digits"
+        raise InputError(f"{where}, column {names[int(np.argmax(whole))]}", found, "angles in rad, or m", do)
 
 
 def remarks(columns: Columns) -> list[str]:

@@ -99,12 +99,9 @@ class LogInfo:
             _ = info.segments  # a schedule that lacks a phase is told here, where the file is known
             return info
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(
-                where,
-                f"metadata that do not fit ({error!r})",
-                "the log's metadata (docs/reference/log_format.md)",
-                "import the log again",
-            ) from None
+            found = f"metadata that do not fit ({error!r})"
+            do = "import the log again"
+            raise InputError(where, found, "the log's metadata (docs/reference/log_format.md)", do) from None
 
 
 @dataclass(frozen=True)
@@ -142,12 +139,8 @@ class Log:
         try:
             return self.columns[column]
         except KeyError:
-            raise InputError(
-                self.name,
-                f"no column {column}",
-                f"one of {', '.join(sorted(self.columns))}",
-                "log it, or leave out what needs it",
-            ) from None
+            expected = f"one of {', '.join(sorted(self.columns))}"
+            raise InputError(self.name, f"no column {column}", expected, "log it, or leave out what needs it") from None
 
     def stack(self, columns: Sequence[str]) -> np.ndarray:
         """Several columns side by side, shape (rows, len(columns))."""

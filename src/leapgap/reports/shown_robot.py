@@ -105,12 +105,9 @@ class ShownRobot:
         """Forward kinematics of the shown rows."""
         foreign = set(self.jump.joints) - set(self.robot.joints)
         if foreign:
-            raise InputError(
-                self.jump.name,
-                f"joints {', '.join(sorted(foreign))}",
-                f"joints of {self.robot.name}: {', '.join(self.robot.joints)}",
-                "name the model this log was made with (robot.model=<model.xml>)",
-            )
+            expected = f"joints of {self.robot.name}: {', '.join(self.robot.joints)}"
+            do = "name the model this log was made with (robot.model=<model.xml>)"
+            raise InputError(self.jump.name, f"joints {', '.join(sorted(foreign))}", expected, do)
         joints = self.measured_joints
         pos = self.jump.per_joint("joint_pos", joints)[self.rows] if joints else np.empty((len(self.rows), 0))
         base, quaternion = (

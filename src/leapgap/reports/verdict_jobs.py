@@ -112,12 +112,8 @@ def run_jobs(jobs: list[Job], cache: ResultCache, executor: Executor) -> None:
         if error:
             failed[name] = error
     if failed:
-        raise InputError(
-            ", ".join(failed),
-            "; ".join(sorted(set(failed.values()))),
-            "a verdict for every case",
-            "fix the diagnosis and run again: the other cases are kept",
-        )
+        do = "fix the diagnosis and run again: the other cases are kept"
+        raise InputError(", ".join(failed), "; ".join(sorted(set(failed.values()))), "a verdict for every case", do)
 
 
 def judge(cache: ResultCache, job: Job) -> tuple[str, str, str]:

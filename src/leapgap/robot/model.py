@@ -89,19 +89,12 @@ class Robot:
         # Refuse a free base without gravity, or with one that does not point down
         x, y, z = gravity = gravity_of(self.model)
         if self.has_free_base and not -z >= DOWNWARDS * max(float(np.linalg.norm(gravity)), LEAST_GRAVITY):
-            raise InputError(
-                self.path,
-                f"gravity ({x:g}, {y:g}, {z:g}) m/s² for a robot with a free base",
-                "gravity along −z: the world of a log has z up",
-                "correct option gravity and its flag, or hold the base (fix_base)",
-            )
+            found = f"gravity ({x:g}, {y:g}, {z:g}) m/s² for a robot with a free base"
+            do = "correct option gravity and its flag, or hold the base (fix_base)"
+            raise InputError(self.path, found, "gravity along −z: the world of a log has z up", do)
         if not self.driven.any() and not self.is_free_body:
-            raise InputError(
-                self.path,
-                f"no actuator at {', '.join(self.joints) or 'any joint'}",
-                "an actuator at every joint that is commanded",
-                "add the actuators",
-            )
+            found = f"no actuator at {', '.join(self.joints) or 'any joint'}"
+            raise InputError(self.path, found, "an actuator at every joint that is commanded", "add the actuators")
         _ = self.topology  # names that this robot has not are told now, whoever needs its limbs and feet
         if not self.is_free_body:
             check_joint_pd(self.model, self.joint_actuators, self.actuators, self.path)

@@ -95,12 +95,8 @@ def joint_of(model: mujoco.MjModel, actuator: int, where: object) -> int:
         found = f"the actuator {name} drives a free or ball joint"
     else:
         found = f"the actuator {name} drives {TRANSMISSIONS.get(kind, 'no joint')}"
-    raise InputError(
-        where,
-        found,
-        "actuators at hinge or slide joints: the commands of a log are those of joints",
-        "replace it by actuators at the joints it moves, or remove it",
-    )
+    expected = "actuators at hinge or slide joints: the commands of a log are those of joints"
+    raise InputError(where, found, expected, "replace it by actuators at the joints it moves, or remove it")
 
 
 def joint_actuator(model: mujoco.MjModel, joint: int, actuators: Sequence[int], driven: bool) -> JointActuator:

@@ -57,12 +57,9 @@ def nearest_contact(model: mujoco.MjModel, data: mujoco.MjData, body: int, point
     """The geom of a body that can touch the ground and whose centre is nearest to a point."""
     geoms = [int(g) for g in np.flatnonzero(model.geom_bodyid == body) if touches(model, int(g))]
     if not geoms:
-        raise InputError(
-            "robot",
-            f"the foot {foot} on a body without a geom that touches",
-            "feet that can touch the ground",
-            "name a foot on the link that stands on the ground",
-        )
+        found = f"the foot {foot} on a body without a geom that touches"
+        do = "name a foot on the link that stands on the ground"
+        raise InputError("robot", found, "feet that can touch the ground", do)
     return int(min(geoms, key=lambda g: float(np.linalg.norm(data.geom_xpos[g] - point))))
 
 
@@ -221,12 +218,9 @@ def check_names(named: PartNames, joints: Sequence[str], feet: Sequence[str], mo
     unknown = [j for of in (*named.limbs.values(), *named.groups.values()) for j in of if j not in joints]
     unknown += [foot for foot in feet if not foot or foot not in parts]
     if unknown:
-        raise InputError(
-            "robot",
-            f"parts made of {', '.join(part or '(no name)' for part in unknown)}",
-            f"joints among {', '.join(joints)}; feet among the named geoms and sites",
-            "correct limbs, groups or feet of the robot's configuration",
-        )
+        found = f"parts made of {', '.join(part or '(no name)' for part in unknown)}"
+        expected = f"joints among {', '.join(joints)}; feet among the named geoms and sites"
+        raise InputError("robot", found, expected, "correct limbs, groups or feet of the robot's configuration")
 
 
 def carrier(model: mujoco.MjModel, foot: str, moved: set[int]) -> int:

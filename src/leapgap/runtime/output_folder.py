@@ -380,12 +380,9 @@ def locked_file(beside: Path, path: Path) -> int:
             except OSError:
                 holder = os.read(descriptor, 1000).decode(errors="replace").strip()
                 os.close(descriptor)
-                raise InputError(
-                    path,
-                    f"another run that writes here: {holder or 'it did not say which'}",
-                    "one run at a time",
-                    "wait for it, or choose another output folder",
-                ) from None
+                found = f"another run that writes here: {holder or 'it did not say which'}"
+                do = "wait for it, or choose another output folder"
+                raise InputError(path, found, "one run at a time", do) from None
         if beside.exists() and os.path.samestat(os.fstat(descriptor), beside.stat()):
             break
         os.close(descriptor)  # the run that held it has just ended and removed it

@@ -88,19 +88,13 @@ class RolloutModels:
             return
         passive = sorted(foreign & set(self.robot.joints))
         if passive and not missing and set(passive) == foreign:
-            raise InputError(
-                log.name,
-                f"commands of {', '.join(passive)}",
-                f"commands of {', '.join(driven)}: {self.robot.name} has no actuator at the other joints",
-                "add the actuators to the model, or leave out the columns of the commands",
-            )
+            expected = f"commands of {', '.join(driven)}: {self.robot.name} has no actuator at the other joints"
+            do = "add the actuators to the model, or leave out the columns of the commands"
+            raise InputError(log.name, f"commands of {', '.join(passive)}", expected, do)
         if missing or foreign:
-            raise InputError(
-                log.name,
-                f"joints {', '.join(sorted(foreign)) or 'fewer'} and no {', '.join(sorted(missing)) or '–'}",
-                f"the joints of {self.robot.name}: {', '.join(driven)}",
-                "name the model these logs were made with, or rename the columns",
-            )
+            found = f"joints {', '.join(sorted(foreign)) or 'fewer'} and no {', '.join(sorted(missing)) or '–'}"
+            do = "name the model these logs were made with, or rename the columns"
+            raise InputError(log.name, found, f"the joints of {self.robot.name}: {', '.join(driven)}", do)
 
     def model(self, trial: Rollout, row: int = 0) -> mujoco.MjModel:
         """The trial's own model: terrain of the log, joint gains of a row, period, motors, then its effects."""
@@ -143,12 +137,8 @@ class RolloutModels:
         """The bare robot on the log's terrain with the parts its effects need."""
         terrain = trial.log.info.terrain
         if len(terrain) > self.slots:
-            raise InputError(
-                trial.log.name,
-                f"{len(terrain)} boxes of terrain",
-                f"at most {self.slots}",
-                "make the replayer with more terrain slots",
-            )
+            do = "make the replayer with more terrain slots"
+            raise InputError(trial.log.name, f"{len(terrain)} boxes of terrain", f"at most {self.slots}", do)
         with self.compiling:
             if terrain not in self.specs:
                 self.specs[terrain] = self.robot.spec_on_terrain(terrain, slots=self.slots)

@@ -60,12 +60,8 @@ def unit_factor(column: str, unit: str, where: str) -> float:
         known |= UNITS[OF_SLIDES[quantity.unit]]
     if unit not in known:
         expected = f"one of {', '.join(known)}" if known else "a column that has a unit"
-        raise InputError(
-            f"{where}, {column}",
-            f"the unit {unit}",
-            expected,
-            did_you_mean(unit, known) or "correct it, or use factors",
-        )
+        do = did_you_mean(unit, known) or "correct it, or use factors"
+        raise InputError(f"{where}, {column}", f"the unit {unit}", expected, do)
     return float(known[unit])
 
 
