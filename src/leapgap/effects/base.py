@@ -465,6 +465,20 @@ class MotorEffect(Effect):
 
 
 @dataclass(frozen=True)
+class DriveEffect(MotorEffect):
+    """One number of the motors or of their joint PD: a factor on it, or what is added to it."""
+
+    drive_field: ClassVar[str]
+    """Field of ``Drive``."""
+
+    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
+        """Scale the field by a number that is nominally one, or add to it one that is nominally zero."""
+        ((name, about),) = self.declarations().items()
+        change = drive.scaled if about.nominal else drive.added
+        return change(self.drive_field, robot.joints_at(self.location), getattr(self, name))
+
+
+@dataclass(frozen=True)
 class AddedToJoints(Effect):
     """A number added to the model's own at each joint of a place; negative values reduce it, down to none."""
 

@@ -6,8 +6,16 @@ from math import inf
 
 import numpy as np
 
-from leapgap.effects.base import Commands, CommandStage, Effect, ForceContext, MotorEffect, Parameter, parameter
-from leapgap.effects.drive import Drive
+from leapgap.effects.base import (
+    Commands,
+    CommandStage,
+    DriveEffect,
+    Effect,
+    ForceContext,
+    MotorEffect,
+    Parameter,
+    parameter,
+)
 from leapgap.robot.model import Robot
 
 NOTHING = 1e-17
@@ -79,7 +87,7 @@ class CommandDelay(MotorEffect):
 
 
 @dataclass(frozen=True)
-class LoopDelay(MotorEffect):
+class LoopDelay(DriveEffect):
     """Time from a measurement to the torque of the joint PD that answers it; feed-forward and set points are as late.
 
     The PD acts on the state of ``delay_s`` ago, which is taken to second order: q(t − d) = q − d q̇ + d² q̈ / 2. So kd
@@ -88,6 +96,7 @@ class LoopDelay(MotorEffect):
     """
 
     name = "loop_delay"
+    drive_field = "delay_s"
     words = "latency of the feedback loop"
     by_default = False
 
@@ -110,10 +119,6 @@ class LoopDelay(MotorEffect):
     def change_newest_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
         """Shift the last of the commands of the joints."""
         return CommandDelay(self.location, delay_s=self.delay_s).change_newest_commands(commands, period_s, robot)
-
-    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
-        """Add to the time after which the joint PD answers."""
-        return drive.added("delay_s", robot.joints_at(self.location), self.delay_s)
 
 
 @dataclass(frozen=True)

@@ -7,19 +7,20 @@ from math import ceil, inf
 import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, ForceContext, Load, MotorEffect, Parameter, parameter
-from leapgap.effects.drive import Drive, add_heating, add_lag, add_velocity_filter, lacks_torque_limits
+from leapgap.effects.base import DriveEffect, Effect, ForceContext, Load, MotorEffect, Parameter, parameter
+from leapgap.effects.drive import Drive, lacks_torque_limits, resistance_of
 from leapgap.errors import InputError
-from leapgap.robot import actuators
+from leapgap.robot import actuators, dc_motors
 from leapgap.robot.model import Robot
 from leapgap.robot.stated_actuators import RESISTANCE, TOP_SPEED, MotorConstants
 
 
 @dataclass(frozen=True)
-class TorqueGain(MotorEffect):
+class TorqueGain(DriveEffect):
     """Ratio of delivered to commanded torque: feed-forward, joint PD and limit are all scaled."""
 
     name = "torque_gain"
+    drive_field = "gain"
     words = "motor torque gain"
 
     scale: float = parameter(1.0, "1", 0.3, 1.5, 0.85)
@@ -29,16 +30,13 @@ class TorqueGain(MotorEffect):
         """All that the motors give."""
         return at.at_motors(location, at.torque)
 
-    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
-        """Scale the gain of the motors."""
-        return drive.scaled("gain", robot.joints_at(self.location), self.scale)
-
 
 @dataclass(frozen=True)
-class TorqueLimit(MotorEffect):
+class TorqueLimit(DriveEffect):
     """Ratio of the motors' largest torque to the model's; what is asked for below it is delivered as before."""
 
     name = "torque_limit"
+    drive_field = "limit_scale"
     words = "motor torque limit"
     by_default = False
 
@@ -55,19 +53,16 @@ class TorqueLimit(MotorEffect):
         """What the motors give at their limits."""
         return at.at_motors(location, at.torque * (1 - at.within))
 
-    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
-        """Scale the limit of the motors."""
-        return drive.scaled("limit_scale", robot.joints_at(self.location), self.scale)
-
 
 @dataclass(frozen=True)
-class PositionGain(MotorEffect):
+class PositionGain(DriveEffect):
     """Ratio of the stiffness with which a joint PD acts to the logged ``cmd_kp``; feed-forward and limits stay.
 
     Where no position gain is logged there is nothing to scale.
     """
 
     name = "position_gain"
+    drive_field = "kp_scale"
     words = "position gain (kp) of the joint PD"
     by_default = False
     in_controller = True
@@ -79,19 +74,16 @@ class PositionGain(MotorEffect):
         """The part of stiffness in the joint PD."""
         return at.at_motors(location, at.within * at.kp * (at.commands.position - at.position))
 
-    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
-        """Scale the stiffness of the joint PDs."""
-        return drive.scaled("kp_scale", robot.joints_at(self.location), self.scale)
-
 
 @dataclass(frozen=True)
-class VelocityGain(MotorEffect):
+class VelocityGain(DriveEffect):
     """Ratio of the damping with which a joint PD acts to the logged ``cmd_kd``; feed-forward and limits stay.
 
     Where no velocity gain is logged there is nothing to scale, and a drive's damping is a ``joint_damping``.
     """
 
     name = "velocity_gain"
+    drive_field = "kd_scale"
     words = "velocity gain (kd) of the joint PD"
     by_default = False
     in_controller = True
@@ -103,13 +95,9 @@ class VelocityGain(MotorEffect):
         """The part of damping in the joint PD."""
         return at.at_motors(location, at.within * at.kd * (at.commands.velocity - at.velocity))
 
-    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
-        """Scale the damping of the joint PDs."""
-        return drive.scaled("kd_scale", robot.joints_at(self.location), self.scale)
-
 
 @dataclass(frozen=True)
-class MotorLag(MotorEffect):
+class MotorLag(DriveEffect):
     """First-order lag between commanded torque, joint PD included, and delivered torque, T τ̇ = τ_commanded − τ.
 
     Integrated exactly over each step with the command held. Torque limits act on what is delivered, after the lag.
@@ -117,6 +105,7 @@ class MotorLag(MotorEffect):
     """
 
     name = "motor_lag"
+    drive_field = "lag_s"
     words = "motor lag (first order)"
 
     time_constant_s: float = parameter(0.0, "s", 0.0, 0.15, 0.005)
@@ -128,15 +117,12 @@ class MotorLag(MotorEffect):
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Give the motors their torque as a state."""
-        add_lag(spec, robot, self.location)
-
-    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
-        """Add to the motors' time constant."""
-        return drive.added("lag_s", robot.joints_at(self.location), self.time_constant_s)
+        motors = [robot.joint_actuators[i] for i in robot.joints_at(self.location) if robot.driven[i]]
+        dc_motors.add_dc_state(spec, np.array(motors, int), resistance_of(robot))
 
 
 @dataclass(frozen=True)
-class VelocityFilter(MotorEffect):
+class VelocityFilter(DriveEffect):
     """First-order low-pass in front of the damper of the joint PD, T v̇_f = q̇ − v_f with τ = kp e + kd (q̇* − v_f).
 
     Drives differentiate their encoders and smooth the result. The position is fed back at once, as are the commands.
@@ -145,6 +131,7 @@ class VelocityFilter(MotorEffect):
     """
 
     name = "velocity_filter"
+    drive_field = "filter_s"
     words = "low-pass filter on the velocity feedback"
     in_controller = True
     by_default = False
@@ -159,11 +146,10 @@ class VelocityFilter(MotorEffect):
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Give the joints the actuators of their dampers."""
-        add_velocity_filter(spec, robot, self.location)
-
-    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
-        """Add to the filters' time constant."""
-        return drive.added("filter_s", robot.joints_at(self.location), self.time_constant_s)
+        joints = [robot.joints[i] for i in robot.joints_at(self.location) if robot.driven[i]]
+        known = {actuator.name for actuator in spec.actuators}
+        missing = [joint for joint in joints if dc_motors.filter_of(joint) not in known]
+        dc_motors.add_filtered_dampers(spec, missing, resistance_of(robot))
 
 
 @dataclass(frozen=True)
@@ -189,8 +175,10 @@ class ThermalFade(MotorEffect):
         return super().lacks(robot) or lacks_torque_limits(robot)
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
-        """Give the motors their warmth as a state."""
-        add_heating(spec, robot, self.location)
+        """Give the motors that have a limit their warmth as a state."""
+        limited = robot.driven & np.isfinite(robot.torque_limits)
+        motors = [robot.joint_actuators[i] for i in robot.joints_at(self.location) if limited[i]]
+        dc_motors.add_dc_heat(spec, np.array(motors, int), resistance_of(robot))
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Add to the motors' heating."""

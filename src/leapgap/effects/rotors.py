@@ -5,17 +5,16 @@ from dataclasses import dataclass, replace
 from math import inf
 
 import mujoco
+import numpy as np
 
 from leapgap.effects.base import MotorEffect, Parameter, parameter
 from leapgap.robot.model import Robot
 from leapgap.robot.rotors import (
     add_rotors,
     joints_with_rotors,
-    lacks_rotors,
     mount_rotors,
     reduced_inertia,
     soften,
-    widen_play,
 )
 
 
@@ -32,7 +31,9 @@ class RotorEffect(MotorEffect):
     @classmethod
     def lacks(cls, robot: Robot) -> str | None:
         """A rotor without inertia would swing without end."""
-        return super().lacks(robot) or lacks_rotors(robot)
+        rotors = robot.model.dof_armature[robot.joint_dofs[robot.driven]]
+        have = len(rotors) and (rotors > 0).all()
+        return super().lacks(robot) or (None if have else "the inertia of its rotors (armature)")
 
     def change_spec(self, spec: mujoco.MjSpec, robot: Robot) -> None:
         """Put rotors beside the joints."""
@@ -90,4 +91,7 @@ class JointPlay(RotorEffect):
         """Widen the range in which the rotors turn freely."""
         if self.is_nominal:
             return
-        widen_play(model, mount_rotors(model, robot, joints_with_rotors(robot, self.location)), self.play_rad)
+        tendons = mount_rotors(model, robot, joints_with_rotors(robot, self.location))
+        ends = self.play_rad / 2 * np.array([-1.0, 1.0])
+        model.tendon_range[tendons] += ends
+        model.tendon_lengthspring[tendons] += ends

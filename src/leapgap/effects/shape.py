@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from leapgap.effects.base import Effect, ForceContext, parameter, recompute_constants
-from leapgap.effects.links import jacobians
+from leapgap.effects.bodies import jacobians
 from leapgap.robot.model import Robot
 
 DENSITY = 1e-9

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from leapgap.effects.base import Effect, overriding, recompute_constants
-from leapgap.effects.links import add_mass, links_at, square_to
+from leapgap.effects.bodies import add_mass, links_at, square_to
 from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot
