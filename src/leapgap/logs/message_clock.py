@@ -1,6 +1,6 @@
 """The clock of a log that shows the latest message of each kind: one system of equations for all rows and samples."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -78,7 +78,14 @@ def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
             more.append(equations(after, after - 1, right=step * number[near], spread=step / 100))
         found = solve(replace(system, equations=np.concatenate([system.equations, *more])), streams, period)
     shown = {stream.name: found.samples[k][np.cumsum(stream.fresh) - 1] for k, stream in enumerate(streams)}
-    instants = instants_of_rows(found, streams, shown, system.sharpness, step or period)
+    # When each row was written, s, never decreasing, (rows,): at the latest sample that it shows
+    resolution = step or period
+    columns = []
+    for stream, sharp in zip(streams, system.sharpness, strict=True):
+        precise = np.concatenate([[False], sharp < PRECISE * resolution])[np.cumsum(stream.fresh) - 1]
+        columns.append(np.where(precise, shown[stream.name], -np.inf))
+    latest = np.sort(np.stack(columns, axis=1), axis=1)[:, -min(2, len(columns))]
+    instants = np.maximum.accumulate(np.where(np.isfinite(latest), latest, found.rows - LAG * resolution))
     if step is not None:
         instants = step * np.round((instants - instants[0]) / step)
     return RowClock(
@@ -193,22 +200,3 @@ def whole_step(samples: Sequence[np.ndarray], sharpness: Sequence[np.ndarray], p
         if len(steps) >= NOISE_WINDOW and whole.mean() > LEAST_WHOLE:
             return step
     return None
-
-
-def instants_of_rows(
-    found: Solution,
-    streams: Sequence[Stream],
-    shown: Mapping[str, np.ndarray],
-    sharpness: Sequence[np.ndarray],
-    step: float,
-) -> np.ndarray:
-    """When each row was written, s, never decreasing, (rows,): at the latest sample that it shows.
-
-    The second latest of the precise ones is taken, since a single one may err; where fewer are precise, the solution.
-    """
-    columns = []
-    for stream, sharp in zip(streams, sharpness, strict=True):
-        precise = np.concatenate([[False], sharp < PRECISE * step])[np.cumsum(stream.fresh) - 1]
-        columns.append(np.where(precise, shown[stream.name], -np.inf))
-    latest = np.sort(np.stack(columns, axis=1), axis=1)[:, -min(2, len(columns))]
-    return np.maximum.accumulate(np.where(np.isfinite(latest), latest, found.rows - LAG * step))

@@ -152,6 +152,9 @@ def parameters(robot: Robot, placed: Sequence[Placement]) -> dict[str, Any]:
     # Mass, centre of mass and inertia of the bodies whose numbers differ
     fields = {"mass_kg": "body_mass", "com_m": "body_ipos", "inertia_kgm2": "body_inertia"}
     names = [nominal.body(body).name or f"body_{body}" for body in robot.bodies]
+    # Contact parameters of the feet whose numbers differ: friction, and MuJoCo's solref and solimp
+    of_feet = {"friction": "geom_friction", "solref": "geom_solref", "solimp": "geom_solimp"}
+    feet = dict(zip(robot.feet, robot.foot_geoms.tolist(), strict=True))
     return {
         "robot": robot.name,
         "robot_sha256": robot.sha256,
@@ -161,7 +164,7 @@ def parameters(robot: Robot, placed: Sequence[Placement]) -> dict[str, Any]:
             joint: {key: pair(before[key][i], after[key][i]) for key in before} for i, joint in enumerate(robot.joints)
         },
         "bodies": changed_rows(nominal, corrected, dict(zip(names, robot.bodies, strict=True)), fields),
-        "feet": foot_entries(robot, nominal, corrected),
+        "feet": changed_rows(nominal, corrected, feet, of_feet),
     }
 
 
@@ -219,12 +222,6 @@ def joint_numbers(robot: Robot, correction: Sequence[Effect], model: mujoco.MjMo
         "command_delay_s": delay,
         "encoder_bias_rad": bias,
     }
-
-
-def foot_entries(robot: Robot, nominal: mujoco.MjModel, corrected: mujoco.MjModel) -> dict[str, Any]:
-    """Contact parameters of the feet whose numbers differ: friction, and MuJoCo's solref and solimp."""
-    fields = {"friction": "geom_friction", "solref": "geom_solref", "solimp": "geom_solimp"}
-    return changed_rows(nominal, corrected, dict(zip(robot.feet, robot.foot_geoms.tolist(), strict=True)), fields)
 
 
 def changed_rows(

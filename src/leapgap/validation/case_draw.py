@@ -184,7 +184,11 @@ def draw_ordinary_cases(
         drawn += [("pair", sampler.sample_several(known, 2)) for _ in range(half.pair)]
         if half.nameless and not half.families:
             raise InputError(f"withhold.halves.{name}", "no families", "names of off-table effects", "list some")
-        check_families(half.families, robot)
+        # Refuse off-table effects that do not exist on a robot
+        for one in half.families:
+            lacking = family(one).lacks(robot)
+            if lacking is not None:
+                raise InputError("families", f"{one}, for which {robot.name} lacks {lacking}", "others", "take it out")
         drawn += [("nameless", (sampler.sample(half.families[i % len(half.families)]),)) for i in range(half.nameless)]
         drawn += [("none", ())] * half.none
         drawn += [("triple", sampler.sample_several(known, 3)) for _ in range(half.triple)]
@@ -192,14 +196,6 @@ def draw_ordinary_cases(
     cases += chosen
     order = np.random.default_rng([half.seed for half in halves.values()]).permutation(len(cases))
     return [cases[i] for i in order]
-
-
-def check_families(names: Sequence[str], robot: Robot) -> None:
-    """Raise ``InputError`` for off-table effects that do not exist on a robot."""
-    for name in names:
-        lacking = family(name).lacks(robot)
-        if lacking is not None:
-            raise InputError("families", f"{name}, for which {robot.name} lacks {lacking}", "others", "take it out")
 
 
 def uneven_cases(half: str, count: int, sampler: "EffectSampler", clocks: Sizes) -> list[Case]:
