@@ -22,19 +22,8 @@ from leapgap.diagnosis.summary import brief
 from leapgap.effects import effect_words, parameter_words, sentence_words
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
+from leapgap.reports import diagnosis_figures as show
 from leapgap.reports.channels_data import channel_title, channel_words, channels_data, unit_of
-from leapgap.reports.diagnosis_figures import (
-    closures,
-    gap_map,
-    gap_per_log,
-    horizons,
-    profiles,
-    residual_figure,
-    residual_force,
-    similarities,
-    similarity,
-    state_figure,
-)
 from leapgap.reports.page import embed_json, render_page
 from leapgap.robot.loop import Loop
 from leapgap.robot.model import Robot
@@ -68,28 +57,31 @@ def html(
     a PNG of the robot; ``loop``: one of its motion; ``correction``: the effects that ``corrected`` was made with.
     """
     figures = {
-        "map": gap_map(report, robot, phase_names(logs)),
-        "closure": closures(report),
-        "logs": gap_per_log(report),
+        "map": show.gap_map(report, robot, phase_names(logs)),
+        "closure": show.closures(report),
+        "logs": show.gap_per_log(report),
     }
     if len(report.horizons) > 1:
-        figures["horizons"] = horizons(report)
+        figures["horizons"] = show.horizons(report)
     if report.profiles:
-        figures["profiles"] = profiles(report)
+        figures["profiles"] = show.profiles(report)
     config = report.provenance.config
     lengths = {name: config[name] for name in ("horizon_s", "every_s") if name in config}
-    alike = similarity(report.causes, logs, robot, **lengths)
+    alike = show.similarity(report.causes, logs, robot, **lengths)
     if alike is not None:
-        figures["similarity"] = similarities(alike)
+        figures["similarity"] = show.similarities(alike)
     if report.residual_force:
         log = next(one for one in logs if one.name == report.median_log)
-        course = residual_force(log, robot, [(), correction] if report.answer else [()])
+        course = show.residual_force(log, robot, [(), correction] if report.answer else [()])
         units = {one.at: one.unit for one in report.residual_force}
         if course is not None:
             of_joints = robot.joints, [units.get(one, "N·m") for one in robot.joints]
-            figures |= {"force": residual_figure(course, *of_joints), "by_state": state_figure(course, *of_joints)}
+            figures |= {
+                "force": show.residual_figure(course, *of_joints),
+                "by_state": show.state_figure(course, *of_joints),
+            }
     channels = channels_data(report, logs, robot, nominal, corrected if report.answer else None)
-    # ``jump`` for logs of jumps, ``base`` for others of a robot with a free base, ``fixed`` for one without
+    kind = "jump" if report.headline.preset == "jump" else "base" if robot.has_free_base else "fixed"
     return render_page(
         Path(__file__).with_name("report.html"),
         figures,
@@ -102,7 +94,7 @@ def html(
         effect_words=effect_words,
         parameter_words=parameter_words,
         title=channel_title,
-        kind=("jump" if report.headline.preset == "jump" else ("base" if robot.has_free_base else "fixed")),
+        kind=kind,
         brief=brief,
         number=number,
         split_numbers=split_numbers,
