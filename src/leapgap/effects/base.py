@@ -333,25 +333,6 @@ class Effect(ABC):
         return np.concatenate(found)
 
     @classmethod
-    def measurement(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
-        """What it adds to the reported state along such a motion, per unit of each parameter at nominal.
-
-        (parameters, steps, 2 nv): positions as MuJoCo integrates them (attitude as a turn in the axes of the base),
-        then velocities. None: what is reported is true. Replays start at what is reported, so the true start departs by
-        the opposite of the first step's. An effect may have a ``force`` besides, and then does both.
-        """
-        if not overrides(cls, "change_measured"):
-            return None
-        true, nv = Motion(at.qpos, at.qvel), at.qvel.shape[1]
-        found = np.zeros((len(cls.declarations()), len(true), 2 * nv))
-        for changes, (effect, by) in zip(found, cls.small_departures(at.robot, location), strict=True):
-            reported = effect.change_measured(true, at.step_s, at.robot)
-            for change, one, other in zip(changes, true.qpos, reported.qpos, strict=True):
-                mujoco.mj_differentiatePos(at.model, change[:nv], by, one, other)
-            changes[:, nv:] = (reported.qvel - true.qvel) / by
-        return found
-
-    @classmethod
     def small_departures(cls, robot: Robot, location: str) -> "Iterator[tuple[Effect, float]]":
         """The effect with each of its parameters a little off nominal, and by how much, for derivatives."""
         for one in cls.parameters(robot, location):
