@@ -31,7 +31,7 @@ from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import NoiseRows, SensorNoise
 from leapgap.validation.off_table.base import OffTableEffect, Process
-from leapgap.validation.uneven_rows import Timing, UnevenRows, uneven_rows, written_log
+from leapgap.validation.uneven_rows import ClockFamily, UnevenRows, limbs_of, uneven_rows, written_log
 
 
 @dataclass(frozen=True)
@@ -233,51 +233,30 @@ def generate_jumps(
     noise: SensorNoise,
     course: Course,
     rng: np.random.Generator,
-    timings: Sequence[Timing | None] | None = None,
+    clock: ClockFamily | None = None,
+    clock_seed: Sequence[int] = (),
 ) -> list[GeneratedJump]:
-    """Simulate each planned jump with the effects, and where it has one with the timing of its own."""
-    of_plans = timings or [None] * len(plans)
-    return [
-        generate_jump(plan, own, generator, noise, course, rng, timing)
-        for plan, own, timing in zip(plans, effects, of_plans, strict=True)
-    ]
-
-
-def planned_rows(plan: MotionPlan, course: Course) -> int:
-    """Number of rows of a planned jump."""
-    return len(extend_reference(plan.reference, course))
-
-
-def generate_jump(
-    plan: MotionPlan,
-    effects: Effects,
-    generator: Generator,
-    noise: SensorNoise,
-    course: Course,
-    rng: np.random.Generator,
-    timing: Timing | None = None,
-) -> GeneratedJump:
-    """Let the robot stand and then jump in one run; only the jump is logged, by its timing."""
-    robot = generator.robot
-    jump = with_block(extend_reference(plan.reference, course), plan, robot, course)
-    still = hold_first_command(jump, course.settle_s)
-    standing = raise_front(generator.first_state(Rollout(still)), plan.block_height_m, robot)
-    standing = lift_out_of_ground(Rollout(still, effects), standing, generator)
-    # The rows of the first log, then those of the second, on the clock of the second
-    period = jump.info.sample_period_s
-    columns = {name: np.concatenate([still[name], values]) for name, values in jump.columns.items()}
-    columns["time"] = np.arange(len(still) + len(jump)) * period
-    whole = replace(jump, columns=columns)
-    acting = tuple(effects)
-    if timing is not None:
-        acting = (*acting, UnevenRows(lengths=np.concatenate([np.ones(len(still)), timing.held])))
-    (motion,) = generator.motions([Rollout(whole, acting, first_state=standing)])
-    motion = Motion(motion.qpos[len(still) :], motion.qvel[len(still) :])
-    errors = NoiseRows.draw(noise, len(motion.qpos), len(robot.joints), rng)
-    noisy = errors.add_to(motion, robot)
-    if timing is None:
-        return GeneratedJump(log_of(plan.name, jump, noisy, robot), log_of(plan.name, jump, motion, robot))
-    rows, commanded = uneven_rows(timing), written_log(jump, timing)
-    shown = [rows.change_measured(own[timing.written], jump.info.sample_period_s, robot) for own in (noisy, motion)]
-    log, clean = (log_of(plan.name, commanded, own, robot) for own in shown)
-    return GeneratedJump(log, clean, rows)
+    """Let the robot stand and then jump in one run a plan, with its effects; only the jump is logged, by a clock."""
+    robot, clock_rng, generated = generator.robot, np.random.default_rng(clock_seed), []
+    for plan, own in zip(plans, effects, strict=True):
+        jump = with_block(extend_reference(plan.reference, course), plan, robot, course)
+        timing = clock.draw(len(jump), len(limbs_of(robot)), clock_rng) if clock else None
+        still = hold_first_command(jump, course.settle_s)
+        standing = raise_front(generator.first_state(Rollout(still)), plan.block_height_m, robot)
+        standing = lift_out_of_ground(Rollout(still, own), standing, generator)
+        # The rows of the first log, then those of the second, on the clock of the second
+        period = jump.info.sample_period_s
+        columns = {name: np.concatenate([still[name], values]) for name, values in jump.columns.items()}
+        columns["time"] = np.arange(len(still) + len(jump)) * period
+        held = () if timing is None else (UnevenRows(lengths=np.concatenate([np.ones(len(still)), timing.held])),)
+        whole = Rollout(replace(jump, columns=columns), (*own, *held), first_state=standing)
+        (motion,) = generator.motions([whole])
+        motion = Motion(motion.qpos[len(still) :], motion.qvel[len(still) :])
+        shown = [NoiseRows.draw(noise, len(motion.qpos), len(robot.joints), rng).add_to(motion, robot), motion]
+        rows = None
+        if timing is not None:
+            rows, jump = uneven_rows(timing), written_log(jump, timing)
+            shown = [rows.change_measured(one[timing.written], period, robot) for one in shown]
+        log, clean = (log_of(plan.name, jump, one, robot) for one in shown)
+        generated.append(GeneratedJump(log, clean, rows))
+    return generated
