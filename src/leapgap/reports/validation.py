@@ -60,39 +60,6 @@ def write_scores(
     return {name: value for name, value in scores.items() if isinstance(value, float)}
 
 
-def page(
-    outcomes: Sequence[CaseOutcome],
-    halves: Mapping[str, Mapping[str, Any]],
-    revisits: Mapping[str, Mapping[str, Any]],
-    settings: ScoreSettings,
-    out: Path,
-) -> str:
-    """The page as HTML text, with links to the reports relative to ``out``."""
-    at = os.path.relpath(settings.verdicts, out)
-    rows = [
-        {
-            **asdict(o),
-            "right": o.right,
-            "wrongly_named": o.wrongly_named,
-            "where_right": o.where_right,
-            "where_mirrored": o.where_mirrored,
-            "counted_against": scoring.counted_against(o),
-            "said": verdict_text(o),
-            "report": f"{'' if (Path(settings.verdicts) / o.case / KEPT).is_file() else f'{at}/'}{o.case}/report.html",
-        }
-        for o in outcomes
-    ]
-    of_half = {half: [o for o in scoring.of_pipeline(outcomes) if o.half == half] for half in halves}
-    return html(
-        halves=halves,
-        rows=rows,
-        revisits=revisits,
-        confusion={half: scoring.confusion(these) for half, these in of_half.items()},
-        limits={half: scoring.detection_limits(these) for half, these in of_half.items()},
-        reliability={half: scoring.reliability(these, settings.bins) for half, these in of_half.items()},
-    )
-
-
 RIGHT, WRONG = "#14804a", "#c0391b"
 BARS = {
     "named_first": ("named first, of detectable single effects", 0.97, ">="),
@@ -130,23 +97,37 @@ HALVES = {
 }
 
 
-def html(
+def page(
+    outcomes: Sequence[CaseOutcome],
     halves: Mapping[str, Mapping[str, Any]],
-    rows: Sequence[Mapping[str, Any]],
     revisits: Mapping[str, Mapping[str, Any]],
-    confusion: Mapping[str, Mapping[str, Mapping[str, int]]],
-    limits: Mapping[str, Mapping[str, Mapping[str, Any]]],
-    reliability: Mapping[str, Sequence[tuple[float, float, int]]],
+    settings: ScoreSettings,
+    out: Path,
 ) -> str:
-    """The page as HTML text; equal scores give equal bytes."""
+    """The page as HTML text, with links to the reports relative to ``out``; equal scores give equal bytes."""
+    at = os.path.relpath(settings.verdicts, out)
+    rows = [
+        {
+            **asdict(o),
+            "right": o.right,
+            "wrongly_named": o.wrongly_named,
+            "where_right": o.where_right,
+            "where_mirrored": o.where_mirrored,
+            "counted_against": scoring.counted_against(o),
+            "said": verdict_text(o),
+            "report": f"{'' if (Path(settings.verdicts) / o.case / KEPT).is_file() else f'{at}/'}{o.case}/report.html",
+        }
+        for o in outcomes
+    ]
+    of_half = {half: [o for o in scoring.of_pipeline(outcomes) if o.half == half] for half in halves}
     figures = {
         f"{kind}_{half}": embed_figure(figure, f"{kind}-{half}") if has_points(figure) else NOTHING
-        for half in halves
+        for half, these in of_half.items()
         for own in [rows_of(half, rows)]
         for kind, figure in (
-            ("confusion", confusion_matrix(confusion[half])),
-            ("limits", detection(limits[half])),
-            ("reliability", calibration(reliability[half])),
+            ("confusion", confusion_matrix(scoring.confusion(these))),
+            ("limits", detection(scoring.detection_limits(these))),
+            ("reliability", calibration(scoring.reliability(these, settings.bins))),
             ("parameters", parameters(own)),
             ("closure", closure(own)),
         )
