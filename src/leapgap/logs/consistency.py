@@ -184,19 +184,15 @@ def check_velocities(
     for column in np.flatnonzero(moving).tolist():
         name, other = positions[column], velocities[column]
         if alike[column] > SAME_MOTION and not 1 / LARGEST_RATIO < ratio[column] < LARGEST_RATIO:
-            raise InputError(
-                f"{where}, column {name}",
-                f"displacements of {ratio[column]:.3g} times the integral of {other}{typical(ratio[column])}",
-                "the integral of the velocity: one unit, and a clock in s",
-                "correct the unit of one of them, or of the time",
-            )
+            says = f"displacements of {ratio[column]:.3g} times the integral of {other}{typical(ratio[column])}"
+            expected = "the integral of the velocity: one unit, and a clock in s"
+            advice = "correct the unit of one of them, or of the time"
+            raise InputError(f"{where}, column {name}", says, expected, advice)
         if alike[column] < OTHER_MOTION:
-            raise InputError(
-                f"{where}, column {name}",
-                f"a motion that is not the one of {other} (correlation {alike[column]:.2f})",
-                "positions and velocities of one motion, rows in the order of time",
-                "check the names and the order of the columns, signs, and the order of the rows",
-            )
+            says = f"a motion that is not the one of {other} (correlation {alike[column]:.2f})"
+            expected = "positions and velocities of one motion, rows in the order of time"
+            advice = "check the names and the order of the columns, signs, and the order of the rows"
+            raise InputError(f"{where}, column {name}", says, expected, advice)
     check_clock_unit(position, integrated, time, positions, where)
     check_steps(position, integrated, time, moving, positions, where)
 
