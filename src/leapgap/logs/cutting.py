@@ -19,7 +19,7 @@ PARTS = 8
 """Number of parts that a single log is cut into."""
 SHORTEST_S = 0.5
 """A log is cut into fewer parts if they would be shorter than this."""
-MOST_ROWS, MOST_S = 60_000, 120.0
+MOST_ROWS, MOST_S = 60_000, 60.0
 """Number of rows, and time, of all logs together up to which all are diagnosed: 40 jumps, or a minute at 1 kHz."""
 STRETCH_S = 5.0
 """Length of the stretches of a log that is longer; a shorter log is one stretch."""

@@ -175,7 +175,8 @@ class Search:
             looser = self.judge(self.bench.nominal(WRONG_ZERO_RAD, answer.simulation))
             other = self.ascend(looser) if looser.unnamed < start.unnamed else start
         elif answer.unexplained:
-            other = replace(self, most=MOST_TOGETHER).ascend(self.together(answer))
+            together = self.together(answer)
+            other = answer if together is answer else replace(self, most=MOST_TOGETHER).ascend(together)
         likelier = other.evidence > answer.evidence and other.worth > answer.worth
         answer = other if other.members and likelier else answer
         if answer.simulation:
@@ -240,8 +241,8 @@ class Search:
         """What is left of all effects at once, at every single place, without those that gain little.
 
         Causes that act together at several joints each look wrong alone: a force without a name has to be large beside
-        any few of them, and hides the others. So all are fitted first, about a set. Those with states of their own take
-        part if the set has them.
+        any few of them, and hides the others. So all are fitted first, about a set, which stays where that explains the
+        logs better. Those with states of their own take part if the set has them.
         """
         point, known = now.point, {h.name for h in now.members}
         pool = [
@@ -258,6 +259,8 @@ class Search:
             best = max([best, full], key=lambda one: one.evidence)
         full = self.moved(best.point, best.acting)
         full = self.moved(full.point, full.acting)
+        if full.evidence <= now.evidence:  # so far from here, columns say nothing
+            return now
         kept = needed(full.point, LEAST_GAIN, MOST_TOGETHER)
         self.progress(f"together: {len(kept)} of {len(pool)} effects")
         if not kept:

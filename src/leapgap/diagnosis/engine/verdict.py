@@ -13,6 +13,7 @@ closes nothing of a gap is none (on feet: surely nothing). A number at the end o
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -136,13 +137,13 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     u, before = found.unnamed, start.unnamed
     nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
     moments, of_nominal = moments_of(found), moments_of(start)
-    explained, others = is_explained(moments), single_effects(search, start, found)
+    explained, others = is_explained(moments), partial(single_effects, search, start)
     unknown = Conclusion("unknown", ())
     without = Conclusion("none", ()) if is_explained(of_nominal) else unknown
     as_it_is = of_nominal, residual_of(start, start)
     if not found.members:
         numbers = Numbers(0.0, u, before, None, None, blocks)
-        return EvidenceJudgement(without, nominal, others, numbers, *as_it_is)
+        return EvidenceJudgement(without, nominal, others(start), numbers, *as_it_is)
     losses = [found.evidence - found.evidence_without([m]) for m in range(len(found.members))]
     order = [int(m) for m in np.argsort(losses)[::-1]]
     rivals = [rivals_of(search, found, m) for m in order]
@@ -159,20 +160,20 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     # Whole logs of feet are chaotic: there, a set closes nothing where it surely does not.
     closes = figures.closure.high if search.bench.robot.feet else figures.closure.value
     if gap.has_gap and closes < LEAST_CLOSURE:
-        return EvidenceJudgement(without, nominal, others, numbers, *as_it_is)
+        return EvidenceJudgement(without, nominal, others(start), numbers, *as_it_is)
     if figures.gap >= gap.unmoved:
         over = "whole logs" if gap.horizon_s is None else f"{gap.horizon_s:g} s"
         note = (
             f"{in_words(steps[-1])} is no answer: over {over} a robot that does not move is nearer to them "
             f"(gap {gap.unmoved:.2g} beside {figures.gap:.2g}), so that these logs judge no simulation"
         )
-        return EvidenceJudgement(unknown, nominal, others, numbers, *as_it_is, notes=(note,))
+        return EvidenceJudgement(unknown, nominal, others(start), numbers, *as_it_is, notes=(note,))
     if not explained and numbers.g < found.missing:
         note = (
             f"{in_words(steps[-1])} came nearest, but what is left unexplained is worth more evidence than it gains "
             f"({found.missing:.0f} beside {numbers.g:.0f} nats)"
         )
-        return EvidenceJudgement(unknown, nominal, others, numbers, *as_it_is, notes=(note,))
+        return EvidenceJudgement(unknown, nominal, others(start), numbers, *as_it_is, notes=(note,))
     at_end = steps[-1].at_bound
     if not explained or at_end:
         verdict = "partly"
@@ -181,7 +182,9 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     sure = tuple(1 / (1 + sum(np.exp(-np.clip(r.loss, -50, 50)) for r in own)) for own in rivals)
     undecided = undecided_of(search, found, order, rivals, steps[-1])
     conclusion = Conclusion(verdict, answer, tuple(steps), sure)
-    return EvidenceJudgement(conclusion, steps[-1], others, numbers, moments, residual_of(start, found), undecided)
+    return EvidenceJudgement(
+        conclusion, steps[-1], others(found), numbers, moments, residual_of(start, found), undecided
+    )
 
 
 def residual_of(start: Found, found: Found) -> tuple[ResidualForce, ...]:
