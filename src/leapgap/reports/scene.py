@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import mujoco
 import numpy as np
 import rerun as rr
 
@@ -11,7 +12,6 @@ from leapgap.reports.plots import ground_friction, planned_to_push, split_at_tak
 from leapgap.reports.shown_robot import Colour, Recorder, ShownRobot
 from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PAIRS
-from leapgap.robot.visuals import Shape, shapes
 
 WORLD = "world"
 METRES_PER_NEWTON = 0.001
@@ -29,6 +29,18 @@ CONE_HEIGHT_M = 0.12
 """Height of the friction cones, that of an arrow of the A1's weight."""
 CONE_COLOUR = (150, 200, 90, 110)
 RING_POINTS = 16
+SHOWN_GROUPS = 3
+"""MuJoCo's viewer shows geom groups 0–2; collision hulls usually sit in group 3."""
+UNSET_RGBA = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)
+"""MuJoCo's default geom colour; only a geom of this colour takes the colour of its material."""
+KINDS = {
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")): kind
+    for name, kind in (
+        *(("BOX", "box"), ("SPHERE", "ellipsoid"), ("ELLIPSOID", "ellipsoid")),
+        *(("CAPSULE", "capsule"), ("CYLINDER", "cylinder"), ("MESH", "mesh")),
+    )
+}
+"""Types of geoms that are shown, and how Rerun draws them."""
 
 
 def log_scene(to: Recorder, actors: Sequence[ShownRobot]) -> None:
@@ -38,12 +50,9 @@ def log_scene(to: Recorder, actors: Sequence[ShownRobot]) -> None:
     log_ground(to, actors)
     for actor in actors:
         # Log the shapes of every body once, and its poses in the world as one set of columns
-        poses = actor.poses
-        by_body: dict[str, list[Shape]] = {}
-        for shape in shapes(actor.robot):
-            by_body.setdefault(shape.body, []).append(shape)
-        for at, body in enumerate(poses.bodies):
-            entity = f"{WORLD}/{actor.key}/{body}"
+        poses, model = actor.poses, actor.robot.model
+        for at, body in enumerate(actor.robot.bodies):
+            entity = f"{WORLD}/{actor.key}/{poses.bodies[at]}"
             to.over_time(
                 entity,
                 actor.time,
@@ -52,29 +61,21 @@ def log_scene(to: Recorder, actors: Sequence[ShownRobot]) -> None:
                     quaternion=xyzw(poses.quaternions[:, at]).astype(np.float32),
                 ),
             )
-            # Log a body's shapes in its own axes: one batch for each kind on the body's entity, meshes below it
-            of_body = by_body.get(body, [])
-            meshes = [shape for shape in of_body if shape.kind == "mesh"]
-            # Log each mesh on an entity of its own, which Rerun places by a transform
-            for i, shape in enumerate(meshes):
-                place = rr.Transform3D(
-                    translation=shape.position, quaternion=rr.Quaternion(xyzw=xyzw(shape.quaternion))
+            # A body's shapes in its own axes: one batch for each kind on the body's entity, meshes below it
+            geoms = visual_geoms(model, body)
+            for i, geom in enumerate(geoms.pop("mesh", ())):  # Rerun places each by a transform
+                mesh = model.geom_dataid[geom]
+                first, first_face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+                turn = rr.Quaternion(xyzw=xyzw(model.geom_quat[geom]))
+                place = rr.Transform3D(translation=model.geom_pos[geom], quaternion=turn)
+                shape = rr.Mesh3D(
+                    vertex_positions=model.mesh_vert[first : first + model.mesh_vertnum[mesh]],
+                    triangle_indices=model.mesh_face[first_face : first_face + model.mesh_facenum[mesh]],
+                    albedo_factor=shape_colour(model, geom, actor),
                 )
-                mesh = rr.Mesh3D(
-                    vertex_positions=shape.vertices,
-                    triangle_indices=shape.faces,
-                    albedo_factor=shape_colour(shape.rgba, actor),
-                )
-                to.static(f"{entity}/mesh_{i}", place, mesh)
-            rounded = {"sphere": "ellipsoid"}
-            kinds = [rounded.get(shape.kind, shape.kind) for shape in of_body]
-            batches = [
-                batch(kind, [s for s, own in zip(of_body, kinds, strict=True) if own == kind], actor)
-                for kind in dict.fromkeys(kinds)
-                if kind != "mesh"
-            ]
-            if batches:
-                to.static(entity, *batches)
+                to.static(f"{entity}/mesh_{i}", place, shape)
+            if geoms:
+                to.static(entity, *(batch(kind, model, some, actor) for kind, some in geoms.items()))
         # Log the path of the base over the whole jump, and that of every foot as a thinner line
         faded = (*actor.colour, 110)
         to.static(
@@ -178,20 +179,32 @@ def hide_robot(to: Recorder, actor: ShownRobot, after_s: float) -> None:
         )
 
 
-def batch(kind: str, some: Sequence[Shape], actor: ShownRobot) -> rr.AsComponents:
-    """Shapes of one kind as Rerun draws them; spheres count as ellipsoids."""
-    size = np.array([shape.size_m for shape in some])
-    centre = np.array([shape.position for shape in some])
-    turn = xyzw(np.array([shape.quaternion for shape in some]))
+def visual_geoms(model: mujoco.MjModel, body: int) -> dict[str, list[int]]:
+    """Shown geoms of a body by their kind: those of groups 0–2, or all where there are none.
+
+    Height fields and signed distance fields have no shape here.
+    """
+    first, count = model.body_geomadr[body], model.body_geomnum[body]
+    geoms = [geom for geom in range(first, first + count) if int(model.geom_type[geom]) in KINDS]
+    shown: dict[str, list[int]] = {}
+    for geom in [geom for geom in geoms if model.geom_group[geom] < SHOWN_GROUPS] or geoms:
+        shown.setdefault(KINDS[int(model.geom_type[geom])], []).append(geom)
+    return shown
+
+
+def batch(kind: str, model: mujoco.MjModel, geoms: list[int], actor: ShownRobot) -> rr.AsComponents:
+    """Shapes of one kind as Rerun draws them."""
+    size, centre, turn = model.geom_size[geoms], model.geom_pos[geoms], xyzw(model.geom_quat[geoms])
     look = {
         "quaternions": turn,
-        "colors": [shape_colour(shape.rgba, actor) for shape in some],
+        "colors": [shape_colour(model, geom, actor) for geom in geoms],
         "fill_mode": rr.components.FillMode.Solid,
     }
     if kind == "box":
         return rr.Boxes3D(half_sizes=size, centers=centre, **look)
     if kind == "ellipsoid":
-        half = [s.size_m[[0, 0, 0]] if s.kind == "sphere" else s.size_m for s in some]
+        is_sphere = model.geom_type[geoms] == int(mujoco.mjtGeom.mjGEOM_SPHERE)
+        half = np.where(is_sphere[:, None], size[:, [0, 0, 0]], size)
         return rr.Ellipsoids3D(half_sizes=half, centers=centre, **look)
     if kind == "cylinder":
         return rr.Cylinders3D(lengths=2 * size[:, 1], radii=size[:, 0], centers=centre, **look)
@@ -207,8 +220,11 @@ def xyzw(wxyz: np.ndarray) -> np.ndarray:
     return np.roll(wxyz, -1, axis=-1)
 
 
-def shape_colour(rgba: np.ndarray, actor: ShownRobot) -> tuple[int, ...]:
+def shape_colour(model: mujoco.MjModel, geom: int, actor: ShownRobot) -> tuple[int, ...]:
     """RGBA of a shape, 0–255: the model's colour tinted with the robot's; ghosts have only the robot's, translucent."""
+    rgba, material = model.geom_rgba[geom], model.geom_matid[geom]
+    if material >= 0 and np.array_equal(rgba, UNSET_RGBA):
+        rgba = model.mat_rgba[material]
     own, tint = 255 * rgba[:3], np.array(actor.colour)
     if actor.is_ghost:
         return (*actor.colour, int(GHOST_ALPHA * rgba[3]))

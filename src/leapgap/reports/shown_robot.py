@@ -13,8 +13,8 @@ import rerun.blueprint as rrb
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
+from leapgap.robot.kinematics import Poses, body_poses
 from leapgap.robot.model import Robot
-from leapgap.robot.visuals import Poses, body_poses
 from leapgap.runtime.atomic_io import whole_file
 
 TIMELINE = "time"
