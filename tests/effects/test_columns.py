@@ -1,4 +1,4 @@
-"""The forces that effects state in closed form, against differences of whole roll-outs.
+"""What effects state in closed form, a force or an error of measurement, against differences of whole roll-outs.
 
 The force of an effect is applied to the joints of plain MuJoCo (``qfrc_applied``), the nominal model under a joint PD
 written here; what comes of it is laid beside the motion of the effect itself.
@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.effects.base import Commands, Effect, ForceContext
+from leapgap.effects.base import Commands, Effect, ForceContext, overrides
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout, Starts
 from tests.plain_simulation import BASE, BASE_RATES
@@ -144,12 +145,33 @@ def context(mjcf: str, folder: Path) -> ForceContext:
     )
 
 
-def by_columns(mjcf: str, force: np.ndarray, size: float) -> np.ndarray:
-    """Departures of all pieces by an effect's force (steps, nv)."""
-    of, found = made(mjcf), []
+def measurement(name: str, at: ForceContext, location: str = "all") -> np.ndarray | None:
+    """What an effect adds to the reported state, per unit of each parameter at nominal: (parameters, steps, 2 nv)."""
+    kind = effects.known()[name]
+    if not overrides(kind, "change_measured"):
+        return None
+    true, nv = Motion(at.qpos, at.qvel), at.qvel.shape[1]
+    found = np.zeros((len(kind.declarations()), len(true), 2 * nv))
+    for changes, (effect, by) in zip(found, kind.small_departures(at.robot, location), strict=True):
+        reported = effect.change_measured(true, at.step_s, at.robot)
+        for change, one, other in zip(changes, true.qpos, reported.qpos, strict=True):
+            mujoco.mj_differentiatePos(at.model, change[:nv], by, one, other)
+        changes[:, nv:] = (reported.qvel - true.qvel) / by
+    return found
+
+
+def by_columns(mjcf: str, force: np.ndarray | None, measured: np.ndarray | None, size: float) -> np.ndarray:
+    """Departures of all pieces by an effect's force (steps, nv) and error of measurement (steps, 2 nv)."""
+    of, model, found = made(mjcf), mujoco.MjModel.from_xml_string(mjcf), []
     for at in STARTS:
-        moved = run(mjcf, (of.push, of.wanted, of.speed), (of.qpos[at], of.qvel[at]), size * force, at, PIECE)
-        found.append(departure(mjcf, at, *moved[:2]))
+        qpos, qvel = of.qpos[at].copy(), of.qvel[at].copy()
+        if measured is not None:
+            mujoco.mj_integratePos(model, qpos, -measured[at, : model.nv], size)
+            qvel -= size * measured[at, model.nv :]
+        extra = None if force is None else size * force
+        moved = run(mjcf, (of.push, of.wanted, of.speed), (qpos, qvel), extra, at, PIECE)
+        change = departure(mjcf, at, *moved[:2])
+        found.append(change if measured is None else change + size * measured[at : at + PIECE])
     return np.array(found)
 
 
@@ -196,7 +218,11 @@ def stated(names: set[str], mjcf: str, folder: Path) -> Iterator[tuple[str, Forc
     """Each parameter of the effects of a robot that state something, with its index."""
     at = context(mjcf, folder)
     for name, kind in effects.known().items():
-        if name in names and kind.lacks(at.robot) is None and kind.force(at) is not None:
+        if (
+            name in names
+            and kind.lacks(at.robot) is None
+            and (kind.force(at) is None, measurement(name, at) is None) != (True, True)
+        ):
             yield from ((name, at, kind, k) for k in range(len(kind.declarations())))
 
 
@@ -204,9 +230,9 @@ def stated(names: set[str], mjcf: str, folder: Path) -> Iterator[tuple[str, Forc
 def test_what_an_effect_states_does_what_the_effect_does(mjcf: str, tmp_path: Path) -> None:
     names, tried = LIMITED if mjcf == WEAK else set(effects.known()) - {"duty_limit", "torque_limit"}, set()
     for name, at, kind, k in stated(names, mjcf, tmp_path):
-        about, force = kind.parameters(at.robot)[k], kind.force(at)
+        about, force, measured = kind.parameters(at.robot)[k], kind.force(at), measurement(name, at)
         by = SIZES.get(name, 0.004) * (about.moderate - about.nominal)
-        own = by_columns(mjcf, force[k], by)
+        own = by_columns(mjcf, None if force is None else force[k], None if measured is None else measured[k], by)
         cosine, size = alike(own, by_replays(mjcf, at.robot, kind(**{about.name: about.nominal + by})))
         assert cosine > 0.98 and size == pytest.approx(1, abs=0.25), (name, about.name, cosine, size)
         tried.add(name)
@@ -259,7 +285,7 @@ def test_a_force_does_what_the_changed_model_does(
     at, of = context(WITH_WEIGHTS, tmp_path), made(WITH_WEIGHTS)
     (force,) = effects.known()[name].force(at, location)
     plain = pieces(WITH_WEIGHTS, change=changed)
-    cosine, size = alike(by_columns(WITH_WEIGHTS, force, by), plain)
+    cosine, size = alike(by_columns(WITH_WEIGHTS, force, None, by), plain)
     assert cosine > 0.98 and size == pytest.approx(1, abs=0.05)
     assert of.qvel.shape == force.shape
 
@@ -297,11 +323,23 @@ AT_MOTORS = [
 @pytest.mark.parametrize(("name", "by", "torque"), AT_MOTORS, ids=lambda of: of if type(of) is str else "")
 def test_a_force_does_what_another_drive_does(name: str, by: float, torque: Callable, tmp_path: Path) -> None:
     (force,) = effects.known()[name].force(context(ARM, tmp_path))
-    cosine, size = alike(by_columns(ARM, force, by), pieces(ARM, torque=torque))
+    cosine, size = alike(by_columns(ARM, force, None, by), pieces(ARM, torque=torque))
     assert cosine > 0.98 and size == pytest.approx(1, abs=0.05)
+
+
+def test_what_is_measured_wrongly_is_stated_exactly(tmp_path: Path) -> None:
+    """A zero that is off shifts a position by as much; a base that is reported late is where it was."""
+    at = context(FLOATER, tmp_path)
+    (bias,) = measurement("encoder_bias", at, "elbow")
+    assert bias == pytest.approx(np.tile(np.eye(18)[8], (ROWS, 1)), abs=1e-9)
+    (late,) = measurement("state_latency", at)
+    assert late[1:, :6] == pytest.approx(-at.qvel[1:, :6], abs=2e-3)
+    assert late[1:, 9:15] == pytest.approx(-at.qacc[:-1, :6], abs=1e-6)
+    assert not late[:, 6:9].any() and not late[:, 15:].any()
+    assert measurement("payload", at) is None
 
 
 def test_effects_that_no_force_stands_for_say_so(tmp_path: Path) -> None:
     at = context(ARM, tmp_path)
     for name in ("numerics", "sample_period", "joint_play", "static_friction", "thermal_fade", "set_point_slew"):
-        assert effects.known()[name].force(at) is None
+        assert effects.known()[name].force(at) is None and measurement(name, at) is None

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import mujoco
 import numpy as np
 import rerun as rr
 
@@ -10,6 +9,7 @@ from leapgap.logs.metadata import segment_of_rows
 from leapgap.logs.pair_force import WORLD_X_Z, by_pair
 from leapgap.reports.plots import ground_friction, planned_to_push, split_at_take_off
 from leapgap.reports.shown_robot import Colour, Recorder, ShownRobot
+from leapgap.robot.kinematics import geom_rgba, visual_geoms
 from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PAIRS
 
@@ -29,18 +29,6 @@ CONE_HEIGHT_M = 0.12
 """Height of the friction cones, that of an arrow of the A1's weight."""
 CONE_COLOUR = (150, 200, 90, 110)
 RING_POINTS = 16
-SHOWN_GROUPS = 3
-"""MuJoCo's viewer shows geom groups 0–2; collision hulls usually sit in group 3."""
-UNSET_RGBA = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)
-"""MuJoCo's default geom colour; only a geom of this colour takes the colour of its material."""
-KINDS = {
-    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")): kind
-    for name, kind in (
-        *(("BOX", "box"), ("SPHERE", "ellipsoid"), ("ELLIPSOID", "ellipsoid")),
-        *(("CAPSULE", "capsule"), ("CYLINDER", "cylinder"), ("MESH", "mesh")),
-    )
-}
-"""Types of geoms that are shown, and how Rerun draws them."""
 
 
 def log_scene(to: Recorder, actors: Sequence[ShownRobot]) -> None:
@@ -71,11 +59,11 @@ def log_scene(to: Recorder, actors: Sequence[ShownRobot]) -> None:
                 shape = rr.Mesh3D(
                     vertex_positions=model.mesh_vert[first : first + model.mesh_vertnum[mesh]],
                     triangle_indices=model.mesh_face[first_face : first_face + model.mesh_facenum[mesh]],
-                    albedo_factor=shape_colour(model, geom, actor),
+                    albedo_factor=shape_colour(geom, actor),
                 )
                 to.static(f"{entity}/mesh_{i}", place, shape)
             if geoms:
-                to.static(entity, *(batch(kind, model, some, actor) for kind, some in geoms.items()))
+                to.static(entity, *(batch(kind, some, actor) for kind, some in geoms.items()))
         # Log the path of the base over the whole jump, and that of every foot as a thinner line
         faded = (*actor.colour, 110)
         to.static(
@@ -179,32 +167,19 @@ def hide_robot(to: Recorder, actor: ShownRobot, after_s: float) -> None:
         )
 
 
-def visual_geoms(model: mujoco.MjModel, body: int) -> dict[str, list[int]]:
-    """Shown geoms of a body by their kind: those of groups 0–2, or all where there are none.
-
-    Height fields and signed distance fields have no shape here.
-    """
-    first, count = model.body_geomadr[body], model.body_geomnum[body]
-    geoms = [geom for geom in range(first, first + count) if int(model.geom_type[geom]) in KINDS]
-    shown: dict[str, list[int]] = {}
-    for geom in [geom for geom in geoms if model.geom_group[geom] < SHOWN_GROUPS] or geoms:
-        shown.setdefault(KINDS[int(model.geom_type[geom])], []).append(geom)
-    return shown
-
-
-def batch(kind: str, model: mujoco.MjModel, geoms: list[int], actor: ShownRobot) -> rr.AsComponents:
-    """Shapes of one kind as Rerun draws them."""
+def batch(kind: str, geoms: list[int], actor: ShownRobot) -> rr.AsComponents:
+    """Shapes of one kind as Rerun draws them; spheres, which have one size, count as ellipsoids."""
+    model = actor.robot.model
     size, centre, turn = model.geom_size[geoms], model.geom_pos[geoms], xyzw(model.geom_quat[geoms])
     look = {
         "quaternions": turn,
-        "colors": [shape_colour(model, geom, actor) for geom in geoms],
+        "colors": [shape_colour(geom, actor) for geom in geoms],
         "fill_mode": rr.components.FillMode.Solid,
     }
     if kind == "box":
         return rr.Boxes3D(half_sizes=size, centers=centre, **look)
     if kind == "ellipsoid":
-        is_sphere = model.geom_type[geoms] == int(mujoco.mjtGeom.mjGEOM_SPHERE)
-        half = np.where(is_sphere[:, None], size[:, [0, 0, 0]], size)
+        half = np.where(size[:, 1:2] > 0, size, size[:, :1])
         return rr.Ellipsoids3D(half_sizes=half, centers=centre, **look)
     if kind == "cylinder":
         return rr.Cylinders3D(lengths=2 * size[:, 1], radii=size[:, 0], centers=centre, **look)
@@ -220,11 +195,9 @@ def xyzw(wxyz: np.ndarray) -> np.ndarray:
     return np.roll(wxyz, -1, axis=-1)
 
 
-def shape_colour(model: mujoco.MjModel, geom: int, actor: ShownRobot) -> tuple[int, ...]:
+def shape_colour(geom: int, actor: ShownRobot) -> tuple[int, ...]:
     """RGBA of a shape, 0–255: the model's colour tinted with the robot's; ghosts have only the robot's, translucent."""
-    rgba, material = model.geom_rgba[geom], model.geom_matid[geom]
-    if material >= 0 and np.array_equal(rgba, UNSET_RGBA):
-        rgba = model.mat_rgba[material]
+    rgba = geom_rgba(actor.robot.model, geom)
     own, tint = 255 * rgba[:3], np.array(actor.colour)
     if actor.is_ghost:
         return (*actor.colour, int(GHOST_ALPHA * rgba[3]))

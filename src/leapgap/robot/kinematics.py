@@ -1,6 +1,6 @@
-"""Forward kinematics of whole motions: positions of feet, bodies and the centre of mass in each row.
+"""Forward kinematics of whole motions: positions of feet, bodies and the centre of mass in each row; shown geoms.
 
-All functions iterate over poses by ``each_pose``.
+Poses are iterated over by ``each_pose``.
 """
 
 import copy
@@ -13,6 +13,16 @@ import numpy as np
 
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import POSITION_SLICE, QUATERNION_SLICE, VELOCITY_SLICE, Motion
+
+SHOWN_GROUPS = 3
+"""MuJoCo's viewer shows geom groups 0–2; collision hulls usually sit in group 3."""
+UNSET_RGBA = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)
+"""MuJoCo's default geom colour; only a geom of this colour takes the colour of its material."""
+KINDS = {
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}")): "ellipsoid" if name == "sphere" else name
+    for name in ("box", "sphere", "ellipsoid", "capsule", "cylinder", "mesh")
+}
+"""Types of geoms that are shown, and how Rerun draws them."""
 
 
 def configurations(
@@ -254,3 +264,22 @@ def body_poses(
         positions[row], quaternions[row] = data.xpos[moving], data.xquat[moving]
         feet[row] = robot.foot_shapes.positions(data)
     return Poses(bodies(robot), positions, quaternions, feet)
+
+
+def visual_geoms(model: mujoco.MjModel, body: int) -> dict[str, list[int]]:
+    """Shown geoms of a body by their kind: those of groups 0–2, or all where there are none.
+
+    Height fields and signed distance fields have no shape here.
+    """
+    first, count = model.body_geomadr[body], model.body_geomnum[body]
+    geoms = [geom for geom in range(first, first + count) if int(model.geom_type[geom]) in KINDS]
+    shown: dict[str, list[int]] = {}
+    for geom in [geom for geom in geoms if model.geom_group[geom] < SHOWN_GROUPS] or geoms:
+        shown.setdefault(KINDS[int(model.geom_type[geom])], []).append(geom)
+    return shown
+
+
+def geom_rgba(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Colour of a geom, red, green, blue and opacity from 0 to 1, (4,): its material's where it has none of its own."""
+    rgba, material = model.geom_rgba[geom], model.geom_matid[geom]
+    return model.mat_rgba[material] if material >= 0 and np.array_equal(rgba, UNSET_RGBA) else rgba
