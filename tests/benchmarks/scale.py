@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from leapgap.effects.joint_damping import JointDamping
+from leapgap.effects.friction import JointDamping
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.planning.reference import reference_to
 from leapgap.jumping.task import Target

@@ -13,7 +13,7 @@ from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.own_clock import with_clock_first
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects import known
-from leapgap.effects.sample_period import SamplePeriod
+from leapgap.effects.measurements import SamplePeriod
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
 from tests.plain_arm import BELIEVED, EXAMPLE, JOINTS, KD, KP, TRUE, write_model

@@ -25,7 +25,7 @@ from leapgap.diagnosis.sensitivities import concatenate_logs
 from leapgap.diagnosis.short_rollouts import Pieces, ShortRollouts, smooth_starts
 from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import Effect
-from leapgap.effects.foot_compliance import FootCompliance
+from leapgap.effects.contacts import FootCompliance
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 

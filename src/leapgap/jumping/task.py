@@ -9,7 +9,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.segments import ROUNDING_S, Segment, jump_segments
+from leapgap.logs.metadata import ROUNDING_S, Segment, jump_segments
 
 STAND = "stand"  # Segment of a log before its first jump begins
 

@@ -35,7 +35,7 @@ from leapgap.logs.pair_force import FORCE_X
 from leapgap.robot.model import Robot
 from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PAIRS
-from leapgap.simulation.disturbance import Disturbance
+from leapgap.simulation.closed_loop import Disturbance
 
 BLOCK_EDGES_M = (0.24, 0.6)  # Edges of a block on uneven ground along x and y; both feet of a pair fit on one
 

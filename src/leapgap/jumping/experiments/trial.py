@@ -24,8 +24,7 @@ from leapgap.robot.kinematics import feet_positions, joint_torque_to_foot_force
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.robot.rotations import pitch_of, upright_cosine, yaw_of
-from leapgap.simulation.closed_loop import ClosedLoopRun, Sensing, run_closed_loop
-from leapgap.simulation.disturbance import Disturbance
+from leapgap.simulation.closed_loop import ClosedLoopRun, Disturbance, Sensing, run_closed_loop
 from leapgap.simulation.open_loop import Course, MotionPlan, prepare, terrain_slots
 from leapgap.simulation.replay import Replayer
 

@@ -12,7 +12,7 @@ from typing import IO, Any, TypeVar, cast
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.logs.unpacking import Bounded
+from leapgap.logs.files import Bounded
 from leapgap.runtime.atomic_io import read_json, whole_file
 
 NOON_OF_ZIP = (1980, 1, 1, 0, 0, 0)  # One date for every member, so that equal arrays give equal bytes

@@ -18,15 +18,13 @@ from leapgap.jumping.planning.reference import name_of
 from leapgap.jumping.task import begin_of, schedule_of, target_of
 from leapgap.logs.cutting import rows_between
 from leapgap.logs.log import Log, read_log
+from leapgap.logs.metadata import ROUNDING_S
 from leapgap.logs.pair_force import per_axis
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
-from leapgap.logs.segments import ROUNDING_S
-from leapgap.reports.layout import plot
-from leapgap.reports.log_recording import Further, record_jump
+from leapgap.reports.log_recording import Further, plot, record_jump
 from leapgap.reports.plots import Curve, log_plot
-from leapgap.reports.recorder import Recorder
 from leapgap.reports.scene import WORLD
-from leapgap.reports.shown_robot import Colour, ShownRobot
+from leapgap.reports.shown_robot import Colour, Recorder, ShownRobot
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import read_json
 from leapgap.simulation.controller import StateEstimate

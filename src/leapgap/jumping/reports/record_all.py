@@ -16,13 +16,11 @@ from leapgap.errors import InputError
 from leapgap.jumping.reports import references
 from leapgap.jumping.reports.method_comparison import comparison_logs, record_comparison
 from leapgap.logs.log import Log, read_log
-from leapgap.reports.layout import add_panels, overview, plot
-from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, JUDGED, log_notes, record_jump
+from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, JUDGED, add_panels, log_notes, overview, plot, record_jump
 from leapgap.reports.plots import COMPONENTS, Curve, components, log_phases, log_plot
-from leapgap.reports.recorder import Recorder, recording
 from leapgap.reports.scene import WORLD, log_scene
 from leapgap.reports.shown_robot import GHOSTS as GHOST_COLOURS
-from leapgap.reports.shown_robot import Colour, ShownRobot, shown_robots
+from leapgap.reports.shown_robot import Colour, Recorder, ShownRobot, recording, shown_robots
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import read_json, write_text
 

@@ -10,9 +10,9 @@ from leapgap.jumping.task import schedule_of
 from leapgap.logs.log import Log, read_log
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
 from leapgap.reports.page import render_page
+from leapgap.robot.kinematics import Poses, body_poses
 from leapgap.robot.model import Robot
 from leapgap.robot.terrain import Box
-from leapgap.robot.visuals import Poses, body_poses
 
 PIXELS_PER_M = 190
 AROUND_M = 0.42  # Half the width of a picture, centred on the base
