@@ -24,18 +24,6 @@ from leapgap.diagnosis.robust_least_squares import losses
 
 
 @dataclass(frozen=True)
-class OtherSimulationExplains:
-    """Another simulation of the nominal robot that explains the logs."""
-
-    words: tuple[str, ...]
-    """Settings that it has else than the given one."""
-    gap: float
-    """Headline gap of whole logs in replays by it."""
-    squares: np.ndarray
-    """Their sums of squares, (logs,)."""
-
-
-@dataclass(frozen=True)
 class Conclusion:
     """Verdict and answer of a diagnosis."""
 
@@ -46,8 +34,6 @@ class Conclusion:
     """Fits of the first one, two, … causes; the last is the answer's."""
     probabilities: tuple[float, ...] = ()
     """Share of the bootstrap resamples of logs in which each cause is part of the best set."""
-    other_simulation: OtherSimulationExplains | None = None
-    """What explains the logs without any cause; None: not needed."""
 
 
 def without_what_widens(conclusion: Conclusion, gap: HeldOutGap, thresholds: DecisionThresholds) -> Conclusion:

@@ -58,7 +58,7 @@ def of_causes(conclusion: Conclusion, fit: JointFit, kept: Sequence[int]) -> Con
     answer = tuple(conclusion.answer[k] for k in kept)
     sure = tuple(conclusion.probabilities[k] for k in kept)
     verdict = named_or_ambiguous(answer) if conclusion.verdict == "ambiguous" else conclusion.verdict
-    return Conclusion(verdict, answer, steps_of(again), sure, conclusion.other_simulation)
+    return Conclusion(verdict, answer, steps_of(again), sure)
 
 
 def partly_where_another_acts(judgement: Judgement, fit: JointFit, thresholds: DecisionThresholds) -> Judgement:
