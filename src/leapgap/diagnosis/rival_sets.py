@@ -40,14 +40,6 @@ def shares_of_sets(result: SearchResult, gap: HeldOutGap, thresholds: DecisionTh
     return (by_pieces + np.bincount(left.argmin(axis=0), minlength=len(left)) / len(gap.draws)) / 2
 
 
-def shares_of_possible_sets(result: SearchResult, gap: HeldOutGap, most_lost: float) -> np.ndarray:
-    """``best_set_shares``, 0 for sets that close ``most_lost`` less of the gap of whole logs than the selected one."""
-    (own,), others = gap.squares([result.selected]), gap.squares(result.rivals)
-    least = gap.closure_value(own) - most_lost
-    possible = [gap.closure_value(squares) >= least for squares in others]
-    return best_set_shares(result, gap.draws) * possible
-
-
 def answer_of(result: SearchResult, shares: np.ndarray, thresholds: DecisionThresholds) -> Answer:
     """Each selected effect with the rivals that cannot be told apart from it.
 
