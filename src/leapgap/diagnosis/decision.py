@@ -12,13 +12,10 @@ from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.joint_search import JointSearch
-from leapgap.diagnosis.rival_sets import (
-    Answer,
-    answer_of,
-    probability,
-    shares_of_sets,
-)
 from leapgap.diagnosis.robust_least_squares import losses
+
+Answer = tuple[tuple[str, ...], ...]
+"""Each cause, followed by the rivals that cannot be told apart from it."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +29,51 @@ class Conclusion:
     """Fits of the first one, two, … causes; the last is the answer's."""
     probabilities: tuple[float, ...] = ()
     """Share of the bootstrap resamples of logs in which each cause is part of the best set."""
+
+
+def best_set_shares(result: SearchResult, draws: np.ndarray) -> np.ndarray:
+    """Share of resamples (draws, logs) in which each rival has the smallest held-out loss, (rivals,)."""
+    logs = draws.shape[1]  # not every log need have a piece
+    of_logs = np.stack([np.bincount(result.log_of_piece, fit.heldout, minlength=logs) for fit in result.rivals])
+    return np.bincount(of_logs[:, draws].sum(axis=2).argmin(axis=0), minlength=len(of_logs)) / len(draws)
+
+
+def shares_of_sets(result: SearchResult, gap: HeldOutGap, thresholds: DecisionThresholds) -> np.ndarray:
+    """How often each rival is best in the resamples, (rivals,).
+
+    By short pieces; where whole logs of a held robot surely prefer another rival, both have half a say.
+    """
+    if not result.rivals:
+        return np.zeros(0)
+    by_pieces = best_set_shares(result, gap.draws)
+    if not gap.is_of_held_robot:
+        return by_pieces
+    (own,), others = gap.squares([result.selected]), gap.squares(result.rivals)
+    least = gap.closure_value(own) + thresholds.most_worsened
+    better = [
+        gap.share_better(squares, own) >= thresholds.least_sure and gap.closure_value(squares) > least
+        for squares in others
+    ]
+    if not any(better):
+        return by_pieces
+    possible = np.array(better) | np.array([fit is result.selected for fit in result.rivals])
+    left = np.where(possible[:, None], others, np.inf)[:, gap.draws].sum(axis=2)
+    return (by_pieces + np.bincount(left.argmin(axis=0), minlength=len(left)) / len(gap.draws)) / 2
+
+
+def answer_of(result: SearchResult, shares: np.ndarray, thresholds: DecisionThresholds) -> Answer:
+    """The selected effect with the rivals that cannot be told apart from it.
+
+    ``shares`` (rivals,) is how often each rival is best, by ``best_set_shares``.
+    """
+    name, others = result.selected.names, dict.fromkeys(fit.names[0] for fit in result.rivals)
+    rivals = (r for r in others if r not in name and probability(r, result, shares) >= thresholds.rival_share)
+    return ((*name, *sorted(rivals)),) if name else ()
+
+
+def probability(name: str, result: SearchResult, shares: np.ndarray) -> float:
+    """Share of the resamples in which an effect is best."""
+    return float(sum(share for fit, share in zip(result.rivals, shares, strict=True) if name in fit.names))
 
 
 def without_what_widens(conclusion: Conclusion, gap: HeldOutGap, thresholds: DecisionThresholds) -> Conclusion:
@@ -142,7 +184,7 @@ class Judgement:
         """
         known = {(h.name, h.location) for h in self.selected.hypotheses}
         found: list[tuple[Candidate, float]] = []
-        for fit in self.result.alternatives:
+        for fit in self.result.singles:
             newest = fit.hypotheses[-1]
             if (newest.name, newest.location) not in known:
                 known.add((newest.name, newest.location))
@@ -154,7 +196,7 @@ class Judgement:
 def judge(result: SearchResult, heldout_gap: HeldOutGap, thresholds: DecisionThresholds) -> Judgement:
     """Judge a search by replays of whole logs on held-out logs."""
     heldout_gap.replays(result.steps)
-    heldout_gap.squares([*result.steps, *result.alternatives])
+    heldout_gap.squares(result.singles)
     shares = shares_of_sets(result, heldout_gap, thresholds)
     gap = heldout_gap.gap(heldout_gap.before) / heldout_gap.gap(heldout_gap.floor)
     # The nominal step's own error may hide what a small effect closes.

@@ -41,7 +41,7 @@ from leapgap.diagnosis.own_clock import OwnClock, own_clock
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Headline, HorizonError, Profile, ReportContent
 from leapgap.diagnosis.rival_fits import Undecided, undecided_of
-from leapgap.diagnosis.selection import find_causes
+from leapgap.diagnosis.selection import find_cause
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts, check_length
 from leapgap.diagnosis.summary import causes_of, not_judged, profiles_of, sentence
@@ -300,8 +300,8 @@ def answer_by_own_clock(
     pieces = partial(ShortRollouts.of, judged.states, ready.replayer, settings.horizon_s, settings.every_s)
     progress(f"step 2 of 4, search: {len(hypotheses)} hypotheses (an effect at a location)")
     whole, coarse = pieces((most + 1) // 2), pieces((most + 3) // 4)
-    plan = replace(settings.plan, most_causes=1)
-    result = find_causes(whole, coarse, hypotheses, settings.tolerances, ready.heldout_gap.folds, plan, progress)
+    folds = ready.heldout_gap.folds
+    result = find_cause(whole, coarse, hypotheses, settings.tolerances, folds, settings.plan, progress)
     heldout_gap = ready.heldout_gap.at_stable_horizon(
         result.selected, settings.noise_draws_of(sum(judged.rows)), np.random.default_rng(settings.seed)
     )
