@@ -38,7 +38,7 @@ class JointFitSettings:
     steps: int = 6
     """Largest number of steps of later fits, of fewer effects."""
     most_causes: int = 8
-    """Largest number of causes together, without those that consistency checks give."""
+    """Largest number of causes together, without those that evidence tells."""
     least_sign: float = 3.0
     """An effect that segments determine is taken away where their log likelihood falls by less without it."""
     least_gain: float = 6.0
@@ -47,21 +47,10 @@ class JointFitSettings:
     """An effect is taken away where it helps on held-out logs in a smaller share of the resamples."""
     most_lost: float = 0.02
     """Effects that help little stay where they explain less than this share of the gap of held-out logs."""
-    least_part: float = 0.05
-    """Without a clock, an effect stays where it explains this share of the gap of held-out logs."""
-    least_share: float = 0.15
-    """It stays as well where the logarithm of the likelihood falls without it by this share of its rise by all."""
-    least_likelier: float = 40.0
-    """On a held robot it stays as well where the logarithm of the likelihood falls without it by more, if held-out logs
-    are significantly nearer with it; and what a fit of all effects has found takes the place of what a search one by
-    one has, where it is likelier by more and explains more."""
-    clear_gain: float = 60.0
-    """A further cause that gained so much in short segments is tried on whole logs even where noise explains their
-    rest. Errors in the simulation of the causes before it give gains of up to 50."""
     least_closure: float = 0.05
-    """Smallest share of the headline gap of held-out logs that it must close beyond the causes found before."""
+    """Smallest share of the headline gap of held-out logs that the set must close beyond the cause found before."""
     least_sure: float = 0.9
-    """Smallest share of resampled logs on which it must be better than these."""
+    """Smallest share of resampled logs on which it must be better."""
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing: a fit without a step has no derivatives."""
