@@ -311,12 +311,10 @@ def test_the_table_of_effects_reads_values_from_the_robot(folder: Path, capsys: 
     assert "needs a free base" in table  # foot_friction of an arm
     assert "needs constants of its motors" in table
     assert "-0.05 to 6" in table  # damping: down to none of the model's own, up to a tenth of the motors' 60 N·m
-    together = {line.split()[0] for line in table.splitlines() if line.endswith("named, or with several causes)")}
-    assert together == {"friction_compensation", "link_inertia", "link_payload"}
     named = {line.split()[0] for line in table.splitlines() if line.endswith("(searched if named)")}
     uneven = {line.split()[0] for line in table.splitlines() if line.endswith("named, or with uneven time stamps)")}
     assert uneven == {"computation_delay", "velocity_filter"}
-    assert named | together | uneven == {name for name, kind in lg.effects.known().items() if not kind.by_default}
+    assert named | uneven == {name for name, kind in lg.effects.known().items() if not kind.by_default}
 
 
 def test_every_command_has_help(capsys: pytest.CaptureFixture[str]) -> None:

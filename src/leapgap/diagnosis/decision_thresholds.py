@@ -27,8 +27,8 @@ class DecisionThresholds:
     """Largest gap of whole logs, in noise floors, of which a named answer may explain less than ``partly_closure``. Of
     396 sealed cases right answers that explained so little had 2.7 and less; one for an unmodelled cause had 11."""
     most_worsened: float = 0.02
-    """An answer that widens the headline gap on held-out logs by a larger share explains nothing; a rival must close more
-    than the answer by this share."""
+    """An answer that widens the headline gap on held-out logs by a larger share explains nothing; a rival must close
+    this share more than the answer."""
     least_sure: float = 0.9
     """A rival that is better on whole logs of a held robot in so many resamples may be as likely as the answer."""
     none_below: float = 1.15

@@ -16,7 +16,6 @@ class LinkInertia(InertialEffect):
 
     name = "link_inertia"
     by_default = False
-    in_joint_fit = True
     places = "joints"
 
     scale: float = parameter(1.0, "1", 0.1, 5.0, 1.5)

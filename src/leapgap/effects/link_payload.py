@@ -32,7 +32,6 @@ class LinkPayload(InertialEffect):
 
     name = "link_payload"
     by_default = False
-    beside_joint_fit = True
     places = "joints"
 
     mass_kg: float = parameter(0.0, "kg", -inf, inf, 0.2)
