@@ -1,6 +1,7 @@
 """The best simulator: all effects fitted together, on logs that plain MuJoCo simulated."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import mujoco
@@ -9,15 +10,14 @@ import pytest
 
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, chosen_without
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
+from leapgap.diagnosis.engine.search import Search
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.joint_likelihood import Numbers, bounded_minimum
 from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting
 from leapgap.diagnosis.log_errors import LogErrors
-from leapgap.diagnosis.selection import SearchSettings
 from leapgap.diagnosis.settings import Settings
 from leapgap.reports.diagnosis import Report, diagnose_logs
 from leapgap.robot.model import Robot
@@ -49,10 +49,11 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
 @pytest.fixture(scope="module")
 def report(robot: Robot) -> Report:
-    """The report on the worn arm of a diagnosis that may name one cause, and not from a fit of all together."""
-    alone = {"plan": SearchSettings(most_causes=1), "doubts": DecisionThresholds(enough_jointly=0.0)}
-    settings = Settings(effects=KINDS, noise_draws=1, bootstrap_draws=100, **alone)
-    return diagnose_logs(noisy_logs(robot.path, worn), robot, settings, threads=2)
+    """The report on the worn arm of a diagnosis that looks for one cause only."""
+    settings = Settings(effects=KINDS, noise_draws=1, bootstrap_draws=100)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("leapgap.diagnosis.diagnose.Search", partial(Search, most=1))
+        return diagnose_logs(noisy_logs(robot.path, worn), robot, settings, threads=2)
 
 
 @pytest.fixture(scope="module")
