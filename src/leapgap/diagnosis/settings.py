@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from leapgap.diagnosis.decision import DecisionThresholds
+from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.joint_fit import JointFitSettings
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.diagnosis.selection import SearchSettings
