@@ -178,19 +178,16 @@ class Judgement:
 
     @property
     def others(self) -> list[tuple[Candidate, float]]:
-        """One fit for each further hypothesis that was judged, with the probability of its newest effect.
+        """Fits of the further hypotheses, each with the share of the resamples in which its effect is best.
 
-        That is the share of the resamples in which the effect is part of the best set; 0 if the answer has it.
+        That is 0 if the answer has the effect.
         """
-        known = {(h.name, h.location) for h in self.selected.hypotheses}
-        found: list[tuple[Candidate, float]] = []
-        for fit in self.result.singles:
-            newest = fit.hypotheses[-1]
-            if (newest.name, newest.location) not in known:
-                known.add((newest.name, newest.location))
-                share = probability(newest.name, self.result, self.shares)
-                found.append((fit, 0.0 if newest.name in self.selected.names else share))
-        return found
+        names, known = self.selected.names, {(h.name, h.location) for h in self.selected.hypotheses}
+        return [
+            (fit, 0.0 if fit.names[0] in names else probability(fit.names[0], self.result, self.shares))
+            for fit in self.result.singles
+            if (fit.names[0], fit.hypotheses[0].location) not in known
+        ]
 
 
 def judge(result: SearchResult, heldout_gap: HeldOutGap, thresholds: DecisionThresholds) -> Judgement:
