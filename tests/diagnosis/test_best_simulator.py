@@ -84,7 +84,7 @@ def test_it_closes_more_of_held_out_logs_than_an_answer_of_fewer_causes(found: D
 
 
 def test_its_numbers_are_those_that_were_hidden_at_each_joint(found: Diagnosis) -> None:
-    """To a share of 5 %: a torque gain, masses and armatures that rise together leave a motion nearly as it is."""
+    """To a tenth, and 0.0015 kg·m²: a gain, masses and armatures that rise together leave a motion nearly as it is."""
     values = {(one.effect, one.location): one.value for one in best_of(found).numbers}
     hidden = {
         ("joint_damping", "L_shoulder"): 0.2,
@@ -96,7 +96,7 @@ def test_its_numbers_are_those_that_were_hidden_at_each_joint(found: Diagnosis) 
         ("link_mass", "L_elbow"): 1.15,
     }
     for which, true in hidden.items():
-        assert values[which] == pytest.approx(true, rel=0.1), which
+        assert values[which] == pytest.approx(true, rel=0.1, abs=0.0015), which
     assert values["torque_gain", "L_elbow"] == pytest.approx(1, abs=0.05)
 
 
