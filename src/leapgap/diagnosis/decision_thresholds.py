@@ -19,7 +19,7 @@ class DecisionThresholds:
     enough_closure: float = 0.7
     least_closure: float = 0.35
     enough_jointly: float = 0.9
-    """An answer with a number at the end of its range is ``partly`` unless it closes so much."""
+    """An answer with a number at the end of its range is ``partly`` unless it explains so much."""
     partly_closure: float = 0.2
     """Causes that are likely and explain too little are called ``partly`` where they explain this share of the
     headline gap on held-out logs, with an interval above zero."""

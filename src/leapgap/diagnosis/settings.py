@@ -64,7 +64,7 @@ class Settings:
     clock_threshold: float = 0.02
     even_threshold: float = 0.012
     joint: JointFitSettings = field(default_factory=JointFitSettings)
-    """Settings of the fit of all effects together, used in logs by their own clock where one cause leaves much."""
+    """Settings of the fit of all effects together, used in logs with uneven time stamps."""
     outside: OutsideForceSettings = field(default_factory=OutsideForceSettings)
     """Settings of the search for external forces; samples in which they act are left out."""
     best: bool = True
