@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.experiments.landing_experiment import FIGURES, TABLE
-from leapgap.jumping.experiments.scores import round_value
+from leapgap.jumping.experiments.landing_experiment import FIGURES, TABLE, round_value
 from leapgap.runtime.atomic_io import read_json, write_metrics
 from stages.common import run_command
 from stages.compose import compose_conf

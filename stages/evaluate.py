@@ -7,7 +7,7 @@ Examples:
 
 from omegaconf import DictConfig
 
-from leapgap.jumping.reports.held_out import EvaluateSettings, evaluate_held_out, evaluate_logs
+from leapgap.jumping.reports.learning import EvaluateSettings, evaluate_held_out, evaluate_logs
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 

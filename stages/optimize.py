@@ -10,9 +10,8 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from leapgap.jumping.models.corrected_robot import planar_robot_with
-from leapgap.jumping.planning.batch import OptimizeSettings, plan_all, read_targets, write_all
-from leapgap.jumping.planning.reference_store import select_planar_robot
+from leapgap.jumping.models.planar import planar_robot_with
+from leapgap.jumping.planning.reference import OptimizeSettings, plan_all, read_targets, select_planar_robot, write_all
 from leapgap.simulation.corrected import read_corrected
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot

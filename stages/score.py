@@ -7,7 +7,7 @@ Examples:
 
 from omegaconf import DictConfig
 
-from leapgap.reports.scores import write_scores
+from leapgap.reports.validation import write_scores
 from leapgap.validation.half_scores import ScoreSettings, open_outcomes
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot

@@ -8,7 +8,7 @@ import pytest
 
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody
-from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.planning.reference import reference_to
 from leapgap.jumping.task import ContactSchedule, Target, jump_info
 from leapgap.logs.importers import log_format
 from leapgap.logs.log import Log

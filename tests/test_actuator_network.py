@@ -12,7 +12,7 @@ import pytest
 from leapgap import effects
 from leapgap.cli import main
 from leapgap.errors import InputError
-from leapgap.learning.actuator_data import actuator_logs
+from leapgap.learning.actuator_network import actuator_logs
 from leapgap.logs.log import read_logs
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import write_corrected

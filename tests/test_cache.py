@@ -14,9 +14,9 @@ import pytest
 
 from leapgap import effects
 from leapgap.jumping.experiments.identification import identify_effects_config
-from leapgap.jumping.experiments.trial_spec import TrialSpec
-from leapgap.jumping.learning import export
+from leapgap.jumping.experiments.trial import TrialSpec
 from leapgap.jumping.learning.experiment import fit_task
+from leapgap.jumping.learning.store import export_model
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
 from leapgap.reports.diagnosis import diagnose_folder
@@ -95,7 +95,7 @@ def test_what_has_no_digest_is_refused() -> None:
 
 KEY = "a" * 64
 MAKERS: dict[str, tuple[Callable, ...]] = {
-    "train": (fit_task, export.write),
+    "train": (fit_task, export_model),
     "diagnose_withheld": (diagnose_folder,),
     "revisit": (diagnose_folder, further_jumps),
     "practise": (TrialSpec.run, identify_effects_config),
@@ -155,7 +155,7 @@ def library_copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LibraryCo
         ("train", "jumping/learning/training.py"),  # imported inside a function
         ("diagnose_withheld", "reports/report.html"),
         ("land", "robot/a1.xml"),
-        ("diagnose_withheld", "effects/payload.py"),  # found by its file name
+        ("diagnose_withheld", "effects/bodies.py"),  # found by its file name
         ("land", "jumping/control/jump_sequence.py"),
         ("revisit", "validation/off_table/motors.py"),
     ],
@@ -220,9 +220,9 @@ def test_versions_of_the_libraries_in_use_are_in_the_key() -> None:
 
 def test_the_code_of_a_class_among_the_inputs_counts(tmp_path: Path, robot: Robot) -> None:
     acting = effects.effect("payload", mass_kg=1.0)
-    assert "leapgap.effects.payload" in modules_within({"acting": [acting], "weight": np.ones(2)})
+    assert "leapgap.effects.bodies" in modules_within({"acting": [acting], "weight": np.ones(2)})
     assert modules_within(robot) == {"leapgap.robot.model"}
-    assert code_hash("leapgap.errors") != code_hash("leapgap.errors", "leapgap.effects.payload")
+    assert code_hash("leapgap.errors") != code_hash("leapgap.errors", "leapgap.effects.bodies")
 
 
 def test_imports_of_every_form_are_followed(tmp_path: Path) -> None:

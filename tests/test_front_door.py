@@ -14,7 +14,7 @@ import pytest
 import leapgap as lg
 from leapgap import cli
 from leapgap.effects.base import parameter
-from leapgap.logs.segments import Segment
+from leapgap.logs.metadata import Segment
 from tests import plain_arm
 
 PUBLIC = (

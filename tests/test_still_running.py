@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from leapgap import cli
-from leapgap.runtime.still_running import still_running
+from leapgap.runtime.processes import still_running
 from tests import plain_arm
 
 

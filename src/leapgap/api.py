@@ -250,7 +250,7 @@ def recorder() -> Callable[[Report, Path], None]:
     """What writes a report as a recording; Rerun is imported only when one is written."""
 
     def record(report: Report, path: Path) -> None:
-        from leapgap.reports.diagnosis_recording import record_report
+        from leapgap.reports.pages import record_report
 
         record_report(report, path)
 

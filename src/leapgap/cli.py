@@ -18,8 +18,7 @@ import leapgap as lg
 from leapgap.errors import InputError, did_you_mean, printable
 from leapgap.runtime.interrupt import STOPPED
 from leapgap.runtime.output_folder import check_output, merged_folder, system_error, what_is_kept
-from leapgap.runtime.processes import InterruptGuard, open_closed_streams, tolerate_terminal
-from leapgap.runtime.still_running import Begins, still_running
+from leapgap.runtime.processes import Begins, InterruptGuard, open_closed_streams, still_running, tolerate_terminal
 
 DESCRIPTION = "Find out why a robot does not move as its MuJoCo simulation does."
 IMPORT, REPLAY, DEMO, NET = "leapgap import", "leapgap replay", "leapgap demo", "leapgap actuator-net"
@@ -518,7 +517,7 @@ def import_line(log: Any) -> str:
 
 def run_effects(chosen: argparse.Namespace) -> None:
     """Print a line for each parameter of each effect."""
-    from leapgap.reports.effects_table import effect_rows
+    from leapgap.reports.written import effect_rows
 
     robot = robot_of(chosen)
     rows = effect_rows(robot)

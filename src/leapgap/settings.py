@@ -8,8 +8,7 @@ import yaml
 
 from leapgap.errors import InputError
 from leapgap.logs.files import check_file
-from leapgap.runtime.plain_yaml import MOST_BYTES, check_size, from_yaml
-from leapgap.runtime.typed_values import from_mapping
+from leapgap.runtime.typed_values import MOST_BYTES, check_size, from_mapping, from_yaml
 
 Kind = TypeVar("Kind")
 YAML = (".yaml", ".yml")

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.jumping.planning.batch import read_targets
-from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
+from leapgap.jumping.planning.reference import read_targets, reference_to, select_planar_robot
 from leapgap.logs.log import Log
 from leapgap.reports.revisits import RevisitSettings
 from leapgap.robot.model import Robot

@@ -9,7 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 from leapgap.errors import InputError
 from leapgap.jumping.learning.experiment import TrainConfig
 from leapgap.jumping.learning.recipe import ModelSettings
-from leapgap.jumping.learning.registry import settings_by_section
+from leapgap.jumping.learning.store import settings_by_section
 from stages.common import read_config
 
 

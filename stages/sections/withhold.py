@@ -6,8 +6,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from leapgap.jumping.planning.batch import read_targets
-from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
+from leapgap.jumping.planning.reference import read_targets, reference_to, select_planar_robot
 from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
 from leapgap.validation.case import CaseSetup, ChosenCase

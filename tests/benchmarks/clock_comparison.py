@@ -27,8 +27,7 @@ from leapgap.jumping.learning.evaluation import (
     standard_error,
 )
 from leapgap.jumping.learning.model import Model, squared_errors
-from leapgap.jumping.learning.transitions import extract_transitions, steps_of
-from leapgap.jumping.learning.windows import RolloutInputs, Windows
+from leapgap.jumping.learning.windows import RolloutInputs, Windows, extract_transitions, steps_of
 from leapgap.jumping.models.rigid_body import POSITION, STATE, VELOCITY
 from leapgap.runtime.atomic_io import whole_file, write_json
 from tests.benchmarks import run_benchmark

@@ -21,7 +21,7 @@ import numpy as np
 
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker
 from leapgap.jumping.models.planar import planar_robot
-from leapgap.jumping.planning.reference_store import plan_reference
+from leapgap.jumping.planning.reference import plan_reference
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import write_json

@@ -24,16 +24,13 @@ import numpy as np
 import torch
 
 from leapgap.jumping.control import compiler
-from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.mpc import ForcePlan
-from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.control.mpc_controller import JumpMpc
+from leapgap.jumping.control.mpc import ForcePlan, JumpMpc, MpcConfig
 from leapgap.jumping.control.qp import QpConfig
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.experiments.learned_config import LearnedMpcConfig
+from leapgap.jumping.control.tracking import PhaseGains, Reference
+from leapgap.jumping.experiments.settings import LearnedMpcConfig
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.affine_model import PredictionModel
-from leapgap.jumping.models.deviation_model import DeviationModel
+from leapgap.jumping.models.rigid_body import DeviationModel
 from leapgap.logs.pair_force import per_axis
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import write_json

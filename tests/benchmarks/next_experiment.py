@@ -26,13 +26,13 @@ from leapgap.diagnosis.report import round_floats
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log, LogInfo
+from leapgap.reports.revisits import UNMADE
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import write_json
 from leapgap.simulation.open_loop import Course, MotionPlan
 from leapgap.simulation.sensors import SensorNoise
 from leapgap.validation.case import NOISE
 from leapgap.validation.generator import Generator, Nuisance, generate_jumps
-from leapgap.validation.revisits import UNMADE
 from tests.benchmarks import run_benchmark
 
 COURSE = Course(settle_s=0.5, after_landing_s=0.0)

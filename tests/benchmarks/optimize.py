@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from leapgap.jumping.models.planar import PlanarRobot
-from leapgap.jumping.planning.layout import COORDINATES
+from leapgap.jumping.planning.dynamics import COORDINATES
 from leapgap.jumping.planning.nlp import JumpNlp, Label
 from leapgap.jumping.planning.problem import Grid, Limits, Problem, Weights
 from leapgap.jumping.planning.solve import solve

@@ -21,9 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-from leapgap.effects.joint_damping import JointDamping
+from leapgap.effects.friction import JointDamping
 from leapgap.jumping.models.planar import planar_robot
-from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.planning.reference import reference_to
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log, write_log
 from leapgap.logs.schema import PAIR_FORCE_AXES

@@ -20,14 +20,13 @@ import numpy as np
 import torch
 from omegaconf import OmegaConf
 
-from leapgap.jumping.learning import store, torch_rollout
+from leapgap.jumping.learning import store, training
 from leapgap.jumping.learning import windows as windows_module
-from leapgap.jumping.learning.experiment import TrainConfig, fit_task
+from leapgap.jumping.learning.experiment import Split, TrainConfig, fit_task
 from leapgap.jumping.learning.model import Nominal
-from leapgap.jumping.learning.models.published_recipe import PublishedRecipeConfig, initial_published_networks
+from leapgap.jumping.learning.models.residual_networks import PublishedRecipeConfig, initial_published_networks
 from leapgap.jumping.learning.network import NetworkModel
-from leapgap.jumping.learning.registry import recipes
-from leapgap.jumping.learning.splits import train_on_all
+from leapgap.jumping.learning.store import recipes
 from leapgap.jumping.learning.windows import Purpose, Windows
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.runtime.atomic_io import write_json
@@ -41,15 +40,15 @@ STEPS = 5
 WINDOWS = (Path("data/windows/published"), Path("data/windows/simulated"))
 
 
-class Looped(torch_rollout.ResidualModule):
+class Looped(training.ResidualModule):
     """The same weights and loss, one window and step at a time."""
 
-    def roll_out(self, batch: torch_rollout.Batch) -> tuple[torch.Tensor, torch.Tensor]:
+    def roll_out(self, batch: training.Batch) -> tuple[torch.Tensor, torch.Tensor]:
         states, penalty = [], torch.zeros(())
         for w in range(len(batch.state)):
             state, path = batch.state[None, w : w + 1, 0], []
             for k, contact in enumerate(batch.in_contact):
-                asked = torch_rollout.Situation(
+                asked = training.Situation(
                     state, batch.foot[w : w + 1, k], batch.time_s[w : w + 1, k], batch.state[None, w : w + 1, 0]
                 )
                 acceleration, outputs = self(asked, batch.force[w : w + 1, k], w < contact)
@@ -61,9 +60,9 @@ class Looped(torch_rollout.ResidualModule):
         return torch.stack(states)[None], penalty / len(batch.in_contact)
 
 
-def descent(residual: torch_rollout.ResidualModule, windows: Windows, rate: float, penalty: float) -> Iterator[float]:
+def descent(residual: training.ResidualModule, windows: Windows, rate: float, penalty: float) -> Iterator[float]:
     """The loss before each step of Adam, summed as published."""
-    batch = torch_rollout.Batch.of(windows, torch.device("cpu"))
+    batch = training.Batch.of(windows, torch.device("cpu"))
     optimiser = torch.optim.Adam(residual.parameters(), lr=rate)
     while True:
         states, outputs = residual.roll_out(batch)
@@ -93,7 +92,7 @@ def published_start(windows: Windows, config: TrainConfig) -> NetworkModel:
 
 def fit_seconds(windows: Windows, config: TrainConfig) -> dict[str, float]:
     """Wall seconds of fitting each configured model on all jumps, torch already imported."""
-    split, seconds = train_on_all(windows.jumps), {}
+    split, seconds = Split("all", windows.jumps, ()), {}
     with tempfile.TemporaryDirectory() as place:
         for name in config.models:
             task = fit_task(config, split, name, windows, windows.of_jumps([]), Path(place), Path(place) / f".{name}")
@@ -123,7 +122,7 @@ def main() -> None:
     torch.set_num_threads(given.threads)
     start, fitting = published_start(windows, config), config.settings(PublishedRecipeConfig).fitting
     recipe = (windows, fitting.learning_rate, fitting.output_penalty)
-    vectorised, peer = torch_rollout.ResidualModule(start, 0.0), Looped(start, 0.0)
+    vectorised, peer = training.ResidualModule(start, 0.0), Looped(start, 0.0)
     ours, ours_s = time_steps(descent(vectorised, *recipe), steps)
     looped, looped_s = time_steps(descent(peer, *recipe), steps)
     apart = max(abs(a - b) / b for a, b in zip(ours, looped, strict=True))

@@ -3,7 +3,7 @@
 import pytest
 
 from leapgap.jumping.models.planar import PlanarRobot
-from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.planning.reference import reference_to
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
 

@@ -13,7 +13,7 @@ from leapgap.diagnosis.experiments.given import Given
 from leapgap.diagnosis.next_experiment import by_experience
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.settings import Settings
-from leapgap.effects.sample_period import SamplePeriod
+from leapgap.effects.measurements import SamplePeriod
 from leapgap.errors import InputError
 from leapgap.jumping.task import ContactSchedule, Target, jump_info, target_of
 from leapgap.logs.log import Log

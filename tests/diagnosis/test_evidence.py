@@ -9,7 +9,7 @@ import pytest
 from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.segments import Segment
+from leapgap.logs.metadata import Segment
 from leapgap.robot.model import Robot
 from tests.plain_simulation import BASE, BASE_RATES
 

@@ -7,7 +7,7 @@ import pytest
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import Place, Shares, localise
 from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.segments import Segment
+from leapgap.logs.metadata import Segment
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 

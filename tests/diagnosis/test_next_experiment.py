@@ -29,11 +29,9 @@ from leapgap.diagnosis.outside_forces.inverse_dynamics import inverse_dynamics, 
 from leapgap.diagnosis.outside_forces.residuals import instants_of, without_loads
 from leapgap.diagnosis.rival_fits import Rival
 from leapgap.diagnosis.settings import Settings
-from leapgap.effects.armature import Armature
 from leapgap.effects.base import Effect
-from leapgap.effects.joint_damping import JointDamping
-from leapgap.effects.joint_friction import JointFriction
-from leapgap.effects.torque_gain import TorqueGain
+from leapgap.effects.friction import Armature, JointDamping, JointFriction
+from leapgap.effects.motors import TorqueGain
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.state import States, motion_of

@@ -14,7 +14,7 @@ import pytest
 from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.report import ReportContent
 from leapgap.diagnosis.settings import Settings
-from leapgap.jumping.planning.reference_store import plan_reference, select_planar_robot
+from leapgap.jumping.planning.reference import plan_reference, select_planar_robot
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot

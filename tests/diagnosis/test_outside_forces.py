@@ -28,7 +28,7 @@ from leapgap.diagnosis.outside_forces.residuals import Residual, Residuals, stop
 from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.diagnosis.settings import Settings
-from leapgap.effects.joint_damping import JointDamping
+from leapgap.effects.friction import JointDamping
 from leapgap.logs.importers import log_format
 from leapgap.logs.log import Log
 from leapgap.logs.reading import read_foreign

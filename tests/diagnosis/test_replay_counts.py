@@ -9,7 +9,7 @@ from leapgap import effects
 from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.restarts import RestartedReplayer
-from leapgap.effects.sample_period import SamplePeriod
+from leapgap.effects.measurements import SamplePeriod
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer

@@ -9,7 +9,7 @@ from leapgap.diagnosis.decision import Conclusion
 from leapgap.diagnosis.gap import HeldOutFigures
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.summary import listed, sentence, share_in_words
-from leapgap.effects.joint_damping import JointDamping
+from leapgap.effects.friction import JointDamping
 from leapgap.robot.model import Robot
 
 

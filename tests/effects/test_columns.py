@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.effects.base import Commands, Effect, ForceContext
+from leapgap.effects.base import Commands, Effect, ForceContext, overrides
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
+from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout, Starts
 from tests.plain_simulation import BASE, BASE_RATES
@@ -144,6 +145,21 @@ def context(mjcf: str, folder: Path) -> ForceContext:
     )
 
 
+def measurement(name: str, at: ForceContext, location: str = "all") -> np.ndarray | None:
+    """What an effect adds to the reported state, per unit of each parameter at nominal: (parameters, steps, 2 nv)."""
+    kind = effects.known()[name]
+    if not overrides(kind, "change_measured"):
+        return None
+    true, nv = Motion(at.qpos, at.qvel), at.qvel.shape[1]
+    found = np.zeros((len(kind.declarations()), len(true), 2 * nv))
+    for changes, (effect, by) in zip(found, kind.small_departures(at.robot, location), strict=True):
+        reported = effect.change_measured(true, at.step_s, at.robot)
+        for change, one, other in zip(changes, true.qpos, reported.qpos, strict=True):
+            mujoco.mj_differentiatePos(at.model, change[:nv], by, one, other)
+        changes[:, nv:] = (reported.qvel - true.qvel) / by
+    return found
+
+
 def by_columns(mjcf: str, force: np.ndarray | None, measured: np.ndarray | None, size: float) -> np.ndarray:
     """Departures of all pieces by an effect's force (steps, nv) and error of measurement (steps, 2 nv)."""
     of, model, found = made(mjcf), mujoco.MjModel.from_xml_string(mjcf), []
@@ -205,7 +221,7 @@ def stated(names: set[str], mjcf: str, folder: Path) -> Iterator[tuple[str, Forc
         if (
             name in names
             and kind.lacks(at.robot) is None
-            and (kind.force(at) is None, kind.measurement(at) is None) != (True, True)
+            and (kind.force(at) is None, measurement(name, at) is None) != (True, True)
         ):
             yield from ((name, at, kind, k) for k in range(len(kind.declarations())))
 
@@ -214,7 +230,7 @@ def stated(names: set[str], mjcf: str, folder: Path) -> Iterator[tuple[str, Forc
 def test_what_an_effect_states_does_what_the_effect_does(mjcf: str, tmp_path: Path) -> None:
     names, tried = LIMITED if mjcf == WEAK else set(effects.known()) - {"duty_limit", "torque_limit"}, set()
     for name, at, kind, k in stated(names, mjcf, tmp_path):
-        about, force, measured = kind.parameters(at.robot)[k], kind.force(at), kind.measurement(at)
+        about, force, measured = kind.parameters(at.robot)[k], kind.force(at), measurement(name, at)
         by = SIZES.get(name, 0.004) * (about.moderate - about.nominal)
         own = by_columns(mjcf, None if force is None else force[k], None if measured is None else measured[k], by)
         cosine, size = alike(own, by_replays(mjcf, at.robot, kind(**{about.name: about.nominal + by})))
@@ -314,16 +330,16 @@ def test_a_force_does_what_another_drive_does(name: str, by: float, torque: Call
 def test_what_is_measured_wrongly_is_stated_exactly(tmp_path: Path) -> None:
     """A zero that is off shifts a position by as much; a base that is reported late is where it was."""
     at = context(FLOATER, tmp_path)
-    (bias,) = effects.known()["encoder_bias"].measurement(at, "elbow")
+    (bias,) = measurement("encoder_bias", at, "elbow")
     assert bias == pytest.approx(np.tile(np.eye(18)[8], (ROWS, 1)), abs=1e-9)
-    (late,) = effects.known()["state_latency"].measurement(at)
+    (late,) = measurement("state_latency", at)
     assert late[1:, :6] == pytest.approx(-at.qvel[1:, :6], abs=2e-3)
     assert late[1:, 9:15] == pytest.approx(-at.qacc[:-1, :6], abs=1e-6)
     assert not late[:, 6:9].any() and not late[:, 15:].any()
-    assert effects.known()["payload"].measurement(at) is None
+    assert measurement("payload", at) is None
 
 
 def test_effects_that_no_force_stands_for_say_so(tmp_path: Path) -> None:
     at = context(ARM, tmp_path)
     for name in ("numerics", "sample_period", "joint_play", "static_friction", "thermal_fade", "set_point_slew"):
-        assert effects.known()[name].force(at) is None and effects.known()[name].measurement(at) is None
+        assert effects.known()[name].force(at) is None and measurement(name, at) is None

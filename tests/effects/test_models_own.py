@@ -11,7 +11,7 @@ from leapgap.jumping.task import ContactSchedule, Target, jump_info
 from leapgap.logs.log import Log
 from leapgap.robot.model import DEFAULT_MODEL, Robot
 from leapgap.robot.motion import Motion
-from leapgap.robot.motors import MotorConstants
+from leapgap.robot.stated_actuators import MotorConstants
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from tests.conftest import standing
@@ -109,7 +109,7 @@ def test_feet_that_share_their_contact_with_the_ground_start_from_what_mujoco_mi
 @pytest.mark.parametrize("seed", range(6))
 def test_what_holds_in_a_contact_is_what_mujoco_takes(tmp_path: Path, seed: int) -> None:
     """Against MuJoCo's own contacts, for random priorities, weights and both forms of solref."""
-    from leapgap.effects.contact import foot_contacts
+    from leapgap.effects.contacts import foot_contacts
 
     rng = np.random.default_rng(seed)
 

@@ -11,7 +11,7 @@ from leapgap import effects
 from leapgap.jumping.task import ContactSchedule, Target, jump_info
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.robot.motors import MotorConstants
+from leapgap.robot.stated_actuators import MotorConstants
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from tests.conftest import standing

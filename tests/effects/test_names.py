@@ -9,10 +9,9 @@ from leapgap.diagnosis.diagnose import chosen_kinds, tolerances_on
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
-from leapgap.effects.leg_mass import LegMass
-from leapgap.effects.link_inertia import LinkInertia
+from leapgap.effects.bodies import LegMass, LinkInertia
 from leapgap.errors import InputError
-from leapgap.reports.effects_table import effect_rows
+from leapgap.reports.written import effect_rows
 from leapgap.robot.model import Robot
 
 BOTH = ("leg_mass", "link_mass")

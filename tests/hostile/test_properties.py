@@ -17,11 +17,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from leapgap.errors import CONTROL, InputError, printable
-from leapgap.logs.files import decoding
+from leapgap.logs.files import Header, decoding, unpack
 from leapgap.logs.importers import log_format
 from leapgap.logs.log import LogInfo
-from leapgap.logs.parquet_pages import Header
-from leapgap.logs.unpacking import unpack
 from leapgap.robot.model import Robot
 from leapgap.robot.model_count import RefusedError, count
 from leapgap.settings import from_mapping, values_of

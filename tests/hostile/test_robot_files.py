@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.effects.gravity_direction import GravityDirection
+from leapgap.effects.bodies import GravityDirection
 from leapgap.errors import InputError
 from leapgap.robot import model_guard
 from leapgap.robot.model import Robot

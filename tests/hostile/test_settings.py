@@ -9,9 +9,9 @@ from omegaconf import OmegaConf
 from leapgap.diagnosis.joint_fit import JointFitSettings
 from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
-from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.export.jump import ExportSettings
+from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.experiments.method import JumpTask
+from leapgap.jumping.export.write import ExportSettings
 from leapgap.jumping.learning.recipe import Fitting
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.settings import from_json

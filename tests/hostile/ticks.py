@@ -15,26 +15,17 @@ from typing import Any
 import numpy as np
 
 from leapgap.jumping.control.border import LARGEST
-from leapgap.jumping.control.deviation_recorder import Observation, ObservedJointPd
-from leapgap.jumping.control.excitation import Excitation, ExcitedController
-from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.goal_shift_jump import ShiftTracker
-from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
-from leapgap.jumping.control.jump_sequence import JumpSequence, SequenceConfig
-from leapgap.jumping.control.landing import LandingConfig, LandingMpc
-from leapgap.jumping.control.late_stance import LateStance
-from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.control.mpc_controller import DepartingMpc, JumpMpc
+from leapgap.jumping.control.goal_shift_jump import LateStance, ShiftTracker
+from leapgap.jumping.control.goal_shift_mpc import CalmMotion, GoalShiftConfig
+from leapgap.jumping.control.jump_sequence import JumpSequence, LandingConfig, LandingMpc, SequenceConfig
+from leapgap.jumping.control.mpc import DepartingMpc, JumpMpc, MpcConfig
 from leapgap.jumping.control.qp import QpConfig
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.shifted_plan import QUANTITIES, ShiftedPlan
-from leapgap.jumping.control.sudden_change import CalmMotion
-from leapgap.jumping.control.tracking import JointPd
+from leapgap.jumping.control.shifted_plan import QUANTITIES, Observation, ObservedJointPd, ShiftedPlan, ShiftGrid
+from leapgap.jumping.control.tracking import Excitation, ExcitedController, JointPd, PhaseGains, Reference
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.planar import planar_robot
-from leapgap.jumping.models.rigid_body_model import RigidBodyModel
-from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.models.rigid_body import RigidBodyModel
+from leapgap.jumping.planning.reference import reference_to
 from leapgap.jumping.task import Target
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z
 from leapgap.robot.model import Robot

@@ -7,7 +7,7 @@ import pytest
 
 from leapgap.logs.cutting import at_least_two
 from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.segments import Segment
+from leapgap.logs.metadata import Segment
 
 
 def long_log(seconds: float) -> Log:

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from leapgap.logs.filtered_velocity import FilterRule, filter_of, obeyed_filters, without_filter
-from leapgap.logs.row_clock import with_clock
+from leapgap.logs.row_clock import FilterRule, filter_of, obeyed_filters, with_clock, without_filter
 from leapgap.logs.row_clock_estimate import row_clock
 from tests.logs.test_row_clock import FILTER, JOINTS, STEP_S, motion, of_messages
 

@@ -9,7 +9,7 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.logs import log as jump_log
-from leapgap.logs.segments import segment_of_rows
+from leapgap.logs.metadata import segment_of_rows
 from leapgap.robot.model import Robot
 from leapgap.robot.terrain import Box
 from tests.conftest import standing

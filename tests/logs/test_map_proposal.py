@@ -11,7 +11,7 @@ from leapgap.cli import main
 from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
 from leapgap.logs.log import read_logs
-from leapgap.logs.map_proposal.names import families, quantity_by_words, words
+from leapgap.logs.map_proposal.joint_columns import families, quantity_by_words, words
 from leapgap.logs.map_proposal.report import propose_map
 from leapgap.robot.model import Robot
 from tests.logs.test_ros import write_mcap

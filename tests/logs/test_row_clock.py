@@ -11,8 +11,7 @@ from leapgap.diagnosis.checks.base import CheckResult
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, LogInfo, check_read
 from leapgap.logs.row_clock import with_clock
-from leapgap.logs.row_clock_estimate import row_clock
-from leapgap.logs.row_smoother import START, Blocks, Samples
+from leapgap.logs.row_clock_estimate import START, Blocks, Samples, row_clock
 from tests.plain_arm import EXAMPLE, JOINTS, KD, KP
 
 STEP_S = 0.001

@@ -7,7 +7,7 @@ import pytest
 
 from leapgap.logs.cutting import MOST_ROWS, choose_stretches
 from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.segments import Segment
+from leapgap.logs.metadata import Segment
 
 
 def log(name: str, seconds: float, period_s: float = 0.001, segments: tuple[Segment, ...] = ()) -> Log:

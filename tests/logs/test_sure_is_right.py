@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.logs.map_proposal.proposal import SURE
+from leapgap.logs.map_proposal.evidence import SURE
 from leapgap.logs.map_proposal.report import propose_map
 from leapgap.robot.model import Robot
 from tests.logs import foreign_logs

@@ -9,7 +9,7 @@ import pytest
 from leapgap.errors import InputError
 from leapgap.logs.importers.csv import Csv, CsvOptions
 from leapgap.logs.log import Log, read_log, write_log
-from leapgap.logs.segments import Segment
+from leapgap.logs.metadata import Segment
 from leapgap.robot.model import Robot
 
 NO_COMMANDS = {f"{name}/*": 0.0 for name in ("cmd_tau", "cmd_pos", "cmd_vel", "cmd_kp", "cmd_kd")}

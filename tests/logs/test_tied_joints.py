@@ -11,8 +11,7 @@ from leapgap.errors import InputError
 from leapgap.logs.importers.csv import Csv, CsvOptions
 from leapgap.logs.map_proposal.report import propose_map
 from leapgap.robot.model import Robot
-from leapgap.robot.stated_servos import servo_gains
-from leapgap.robot.tied_joints import ties
+from leapgap.robot.stated_joints import servo_gains, ties
 from tests.logs.test_tables import write_table
 
 GRIPPER = """<mujoco model="gripper"><compiler angle="radian"/>

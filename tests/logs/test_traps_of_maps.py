@@ -12,7 +12,7 @@ from leapgap.cli import main
 from leapgap.errors import InputError
 from leapgap.logs.importers import log_format
 from leapgap.logs.log import Log, LogInfo, read_logs, write_log
-from leapgap.logs.map_proposal.proposal import ABSENT, GUESSED, MISSING, SURE
+from leapgap.logs.map_proposal.evidence import ABSENT, GUESSED, MISSING, SURE
 from leapgap.logs.map_proposal.report import propose_map
 from leapgap.robot.model import Robot
 from tests.logs import foreign_logs

@@ -16,7 +16,7 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from leapgap.errors import InputError
-from leapgap.reports.recorder import TIMELINE
+from leapgap.reports.shown_robot import TIMELINE
 from leapgap.runtime.atomic_io import whole_file
 
 TOP_BAR_PX = 36

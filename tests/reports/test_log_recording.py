@@ -9,7 +9,7 @@ from leapgap.errors import InputError
 from leapgap.jumping.task import planned_segments, schedule_of
 from leapgap.logs.log import read_log, write_log
 from leapgap.reports.log_recording import record_jump
-from leapgap.reports.recorder import recording, rows_at_period
+from leapgap.reports.shown_robot import recording, rows_at_period
 from leapgap.robot.model import Robot
 from tests.reports.conftest import CROUCH, make_hop
 from tests.reports.read_back import Recorded

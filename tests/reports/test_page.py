@@ -16,7 +16,7 @@ from leapgap.diagnosis.report import Cause, ParameterEstimate
 from leapgap.errors import InputError
 from leapgap.reports import viewer as viewer_module
 from leapgap.reports.channels_data import channels_data
-from leapgap.reports.similarity import similarity
+from leapgap.reports.diagnosis_figures import similarity
 from leapgap.reports.viewer import embedded_viewer
 from leapgap.robot.model import Robot
 from tests import plain_arm

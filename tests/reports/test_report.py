@@ -14,13 +14,12 @@ from leapgap.diagnosis.channels import JUMP
 from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
-from leapgap.effects.words import sentence_words
+from leapgap.effects import sentence_words
 from leapgap.logs.log import Log, LogInfo
-from leapgap.reports.channel_names import row_of
-from leapgap.reports.channels_data import channels_data
-from leapgap.reports.colours import CORRECTED
+from leapgap.reports.channels_data import channels_data, row_of
 from leapgap.reports.diagnosis import cause_in_words, largest_errors
 from leapgap.reports.diagnosis_figures import closures, profiles
+from leapgap.reports.page import CORRECTED
 from leapgap.reports.report import loudest, next_words, tiles
 from leapgap.robot.model import Robot
 from tests.conftest import standing

@@ -7,7 +7,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.logs.log import read_logs
-from leapgap.reports.residual_force import INTERVAL_S, residual_figure, residual_force, state_figure
+from leapgap.reports.diagnosis_figures import INTERVAL_S, residual_figure, residual_force, state_figure
 from leapgap.robot.model import Robot
 from tests import plain_arm
 

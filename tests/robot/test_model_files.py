@@ -9,11 +9,10 @@ import pytest
 from leapgap import effects
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.errors import InputError
-from leapgap.robot.kinematics import centre_of_mass, feet_positions
+from leapgap.robot.kinematics import body_poses, centre_of_mass, feet_positions
 from leapgap.robot.model import Robot
 from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PartNames
-from leapgap.robot.visuals import body_poses
 from leapgap.simulation.corrected import read_corrected, write_corrected
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout

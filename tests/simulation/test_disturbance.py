@@ -9,8 +9,7 @@ import pytest
 from leapgap.logs.log import Log
 from leapgap.robot.kinematics import feet_positions
 from leapgap.robot.model import Robot
-from leapgap.simulation.closed_loop import Sensing, run_closed_loop
-from leapgap.simulation.disturbance import Disturbance, disturb
+from leapgap.simulation.closed_loop import Disturbance, Sensing, disturb, run_closed_loop
 from leapgap.simulation.open_loop import Course, MotionPlan, prepare
 from leapgap.simulation.replay import Replayer
 from tests.simulation.test_closed_loop import SILENT, Playback

@@ -4,12 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.effects.leg_mass import LegMass
+from leapgap.effects.bodies import LegMass
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
-from leapgap.simulation.known_loads import add_point_mass
 from leapgap.simulation.replay import Replayer
-from leapgap.simulation.rollout import Rollout
+from leapgap.simulation.rollout import Rollout, add_point_mass
 
 BODY = """<mujoco model="link"><worldbody><body name="link"><joint name="hinge" axis="0 1 0"/>
   <geom type="box" size="0.1 0.05 0.2" pos="0.02 0.01 -0.2" euler="10 20 30" mass="1.2" contype="0" conaffinity="0"/>

@@ -6,8 +6,7 @@ from leapgap import effects
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
-from leapgap.simulation.off_table import BentCalf
-from leapgap.simulation.presets import NAMELESS, Variant
+from leapgap.simulation.presets import NAMELESS, BentCalf, Variant
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 

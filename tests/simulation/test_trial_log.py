@@ -8,7 +8,7 @@ import pytest
 
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
-from leapgap.simulation.trial_log import without_warnings
+from leapgap.simulation.working_models import without_warnings
 from tests.effects import moving_arm as arm
 
 

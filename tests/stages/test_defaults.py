@@ -17,7 +17,7 @@ from omegaconf import OmegaConf
 
 from leapgap.diagnosis.settings import Settings
 from leapgap.jumping.learning.models.residual_networks import NetworksConfig
-from leapgap.jumping.learning.registry import settings_by_section
+from leapgap.jumping.learning.store import settings_by_section
 from leapgap.logs.importers import formats
 from stages.common import CONF, read_config
 from stages.sections.train import read_train_config

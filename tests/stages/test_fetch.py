@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from leapgap.robot.menagerie import PREFIX
+from leapgap.robot.model_file import PREFIX
 from leapgap.validation.real_robots import PACKAGE
 from tests.code import ROOT
 from tests.project import environment

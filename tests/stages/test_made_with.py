@@ -45,7 +45,7 @@ def test_the_code_of_every_file_of_figures_is_there() -> None:
 def test_code_of_a_module_is_all_that_it_imports() -> None:
     found = made_with.files_of(ROOT, [made_with.DIAGNOSIS], TREE)
     files = {path.relative_to(ROOT).as_posix() for path in found}
-    assert {"src/leapgap/effects/joint_friction.py", "src/leapgap/simulation/replay.py"} <= files
+    assert {"src/leapgap/effects/friction.py", "src/leapgap/simulation/replay.py"} <= files
     assert "src/leapgap/cli.py" not in files and "src/leapgap/logs/importers/csv.py" not in files
 
 

@@ -9,12 +9,11 @@ import mujoco
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.experiments.method import PlanSource
 from leapgap.jumping.experiments.rig import Rig
+from leapgap.jumping.experiments.settings import PlanSource
 from leapgap.jumping.models.planar import PlanarRobot, planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody
-from leapgap.jumping.planning.reference import name_of
-from leapgap.jumping.planning.reference_store import reference_to, select_planar_robot
+from leapgap.jumping.planning.reference import name_of, reference_to, select_planar_robot
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.logs.log import Log, read_log, write_log
 from leapgap.robot.model import Robot

@@ -26,11 +26,8 @@ from leapgap.validation.case import (
 from leapgap.validation.case_draw import Case, Half, draw_cases
 from leapgap.validation.generator import Generator, Nuisance, NuisanceSizes
 from leapgap.validation.off_table import families
-from leapgap.validation.off_table.crosstalk import Crosstalk
-from leapgap.validation.off_table.loads import SLOSH_HZ, SloshingPayload
-from leapgap.validation.off_table.measurement import PacketLoss
-from leapgap.validation.off_table.motors import Backlash, DeadBand
-from leapgap.validation.off_table.pulls import DRAG_AREA, Wind
+from leapgap.validation.off_table.loads import DRAG_AREA, SLOSH_HZ, PacketLoss, SloshingPayload, Wind
+from leapgap.validation.off_table.motors import Backlash, Crosstalk, DeadBand
 from stages.compose import compose_conf
 from tests.conftest import standing
 

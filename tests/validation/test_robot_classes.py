@@ -17,11 +17,9 @@ from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
 from leapgap.robot.self_contained import self_contained
 from leapgap.simulation.rollout import Rollout
-from leapgap.validation.case_draw import Case, Half, draw_ordinary_cases
-from leapgap.validation.generator import Generator, Nuisance
+from leapgap.validation.case_draw import Case, Half, OwnNumbers, draw_ordinary_cases
+from leapgap.validation.generator import IMPLICIT, Generator, Nuisance
 from leapgap.validation.motions import known
-from leapgap.validation.own_numbers import OwnNumbers
-from leapgap.validation.physics import IMPLICIT
 from leapgap.validation.withholding import ClassCases
 from stages.common import read_config
 from stages.compose import compose_conf

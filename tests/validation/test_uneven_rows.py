@@ -13,8 +13,7 @@ from leapgap.robot.model import Robot
 from leapgap.simulation.rollout import Rollout
 from leapgap.validation.case import CaseSetup, WithheldCase, further_jumps, withhold
 from leapgap.validation.case_draw import Case, FurtherCounts, FurtherKinds, Half, draw_cases
-from leapgap.validation.generator import Generator, Nuisance
-from leapgap.validation.physics import OTHERS, physics_of
+from leapgap.validation.generator import OTHERS, Generator, Nuisance, physics_of
 from leapgap.validation.uneven_rows import FAMILIES, ClockFamily, UnevenRows
 from stages.compose import compose_conf
 from tests.conftest import standing

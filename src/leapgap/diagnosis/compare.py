@@ -17,7 +17,7 @@ from leapgap.diagnosis.judge import numbered
 from leapgap.diagnosis.paired_search import Difference, PairedBench, PairedSearch, differences, effect_of
 from leapgap.diagnosis.refereed_logs import RefereedLogs
 from leapgap.diagnosis.settings import Settings
-from leapgap.effects.words import effect_words, label_words, parameter_words
+from leapgap.effects import effect_words, label_words, parameter_words
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot

@@ -19,10 +19,10 @@ from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, UNNAMED, Fo
 from leapgap.diagnosis.hypotheses import Hypothesis, places
 from leapgap.diagnosis.refereed_logs import AtHorizon, RefereedLogs
 from leapgap.diagnosis.settings import Settings
+from leapgap.effects import label_words, parameter_words
 from leapgap.effects.base import Effect, Parameter
 from leapgap.effects.drive import Drive
 from leapgap.effects.model_change import FIELDS, MOST, StatedChange
-from leapgap.effects.words import label_words, parameter_words
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 

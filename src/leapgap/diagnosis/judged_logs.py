@@ -20,7 +20,7 @@ from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.contacts import has_feet_in_world, sole_heights
 from leapgap.logs.log import Log
-from leapgap.logs.segments import FLIGHT, TOUCH_DOWN
+from leapgap.logs.metadata import FLIGHT, TOUCH_DOWN
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import POSITION_SLICE, QUATERNION_SLICE, VELOCITY_SLICE, Motion

@@ -9,7 +9,7 @@ import numpy as np
 from leapgap.diagnosis.channels import Channel, channel_errors
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.logs.log import Log
-from leapgap.logs.segments import segment_of_rows
+from leapgap.logs.metadata import segment_of_rows
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer

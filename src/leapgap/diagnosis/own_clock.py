@@ -11,7 +11,7 @@ from leapgap.diagnosis.decision import Conclusion
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.effects.sample_period import SamplePeriod
+from leapgap.effects.measurements import SamplePeriod
 from leapgap.logs.row_clock import with_clock
 from leapgap.robot.model import Robot
 

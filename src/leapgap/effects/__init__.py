@@ -1,10 +1,10 @@
-"""Effects that the nominal robot leaves out: one file an effect; other packages may register more."""
+"""Effects that the nominal robot leaves out; other packages may register more."""
 
+import re
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import is_dataclass
 from functools import cache
-from importlib import import_module
 from typing import Any
 
 from leapgap.effects.base import Effect
@@ -62,12 +62,8 @@ def by_default() -> dict[str, type[Effect]]:
 
 def registry(own: Iterable[type[Effect]] = ()) -> Kinds:
     """The known effects and a user's own classes."""
-    return with_own(known(), own)
-
-
-def with_own(kinds: Registry, own: Iterable[type[Effect]]) -> Kinds:
-    """Effects by name with further classes; ``InputError`` for what is no effect or has the name of another."""
-    found = Kinds(kinds)
+    # Effects by name with further classes; ``InputError`` for what is no effect or has the name of another
+    found = Kinds(known())
     for kind in own:
         check_class(kind)
         if found.get(kind.name, kind) is not kind:
@@ -86,12 +82,9 @@ def check_class(kind: Any) -> None:
     if not isinstance(getattr(kind, "name", None), str):
         raise InputError(where, "no name", 'a class variable like name = "my_effect"', "give it a name")
     if not (is_dataclass(kind) and "__dataclass_fields__" in vars(kind) and kind.declarations()):
-        raise InputError(
-            where,
-            "no parameter",
-            "a frozen dataclass with at least one field declared by leapgap.effects.base.parameter",
-            "decorate the class with @dataclass(frozen=True) and declare its parameters",
-        )
+        expected = "a frozen dataclass with at least one field declared by leapgap.effects.base.parameter"
+        do = "decorate the class with @dataclass(frozen=True) and declare its parameters"
+        raise InputError(where, "no parameter", expected, do)
     if kind.parameters.__func__ is Effect.parameters.__func__:  # type: ignore[attr-defined]
         own = [name for name, about in kind.declarations().items() if about.nominal is None]
         if own:
@@ -99,15 +92,36 @@ def check_class(kind: Any) -> None:
 
 
 def describe(kind: type[Effect]) -> str:
-    """Short description of an effect: ``viscous friction``.
-
-    It is the first line of its module's docstring where the module is of this package, else of its class's docstring.
-    """
-    of_module = import_module(kind.__module__).__doc__ if kind.__module__.startswith(f"{__name__}.") else None
+    """Short description of an effect, ``viscous friction``: its words, else the first line of its docstring."""
     own = kind.__dict__.get("__doc__") or ""
     of_class = "" if own.startswith(f"{kind.__name__}(") else own  # a dataclass without words gets its signature
-    text = (of_module or of_class or kind.name.replace("_", " ")).strip().split("\n")[0].rstrip(".")
+    text = (vars(kind).get("words") or of_class or kind.name.replace("_", " ")).strip().split("\n")[0].rstrip(".")
     return text[:1].lower() + text[1:]
+
+
+def effect_words(name: str) -> str:
+    """What an effect is, such as ``viscous friction``; the name of one that only its user knows."""
+    kind = known().get(name)
+    return describe(kind) if kind else name.replace("_", " ")
+
+
+def label_words(label: str) -> str:
+    """An effect and its place: ``viscous friction at elbow`` for ``joint_damping at elbow``."""
+    name, at, place = label.partition(" at ")
+    return f"{effect_words(name)}{at}{place}"
+
+
+def parameter_words(name: str) -> str:
+    """A number of an effect without the unit in its name: ``torque`` for ``torque_nm``, ``torque (N·m)`` likewise."""
+    return re.sub(r"_(kg_m|rad_nm|rad_s|s_rad|per_s|kg|nm|rad|m|s|v)(?= \(|$)", "", name).replace("_", " ")
+
+
+def sentence_words(sentence: str) -> str:
+    """A sentence of a report without names of code: ``viscous friction (at elbow: damping 0.4 N·m·s/rad)``."""
+    names, numbers = "|".join(known()), {p for kind in known().values() for p in kind.declarations()}
+    plain = re.sub(rf"\((?:{names})(?: (at [^():]+))?: ", lambda found: f"({found[1]}: " if found[1] else "(", sentence)
+    plain = re.sub(rf"\b(?:{'|'.join(numbers)})(?= [-\d])", lambda found: parameter_words(found[0]), plain)
+    return re.sub(rf"\b(?:{names})\b", lambda found: effect_words(found[0]) if "_" in found[0] else found[0], plain)
 
 
 def effect(name: str, location: str = "all", **values: float) -> Effect:

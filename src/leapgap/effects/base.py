@@ -230,6 +230,8 @@ class Effect(ABC):
     """Where it acts: all, front, rear, a joint group, a leg, a joint, a foot."""
 
     name: ClassVar[str]
+    words: ClassVar[str] = ""
+    """What it is called in reports, such as ``viscous friction``; empty: the first line of its class's docstring."""
     other_names: ClassVar[tuple[str, ...]] = ()
     """Further names by which it is found; ``called`` says which of them all reports use."""
     by_default: ClassVar[bool] = True
@@ -325,25 +327,6 @@ class Effect(ABC):
             changed = effect.change_commands(at.commands, at.step_s, at.robot)
             found.append(at.at_motors("all", at.within * (at.torque_of(changed) - at.sent) / by))
         return np.concatenate(found)
-
-    @classmethod
-    def measurement(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
-        """What it adds to the reported state along such a motion, per unit of each parameter at nominal.
-
-        (parameters, steps, 2 nv): positions as MuJoCo integrates them (attitude as a turn in the axes of the base),
-        then velocities. None: what is reported is true. Replays start at what is reported, so the true start departs by
-        the opposite of the first step's. An effect may have a ``force`` besides, and then does both.
-        """
-        if not overrides(cls, "change_measured"):
-            return None
-        true, nv = Motion(at.qpos, at.qvel), at.qvel.shape[1]
-        found = np.zeros((len(cls.declarations()), len(true), 2 * nv))
-        for changes, (effect, by) in zip(found, cls.small_departures(at.robot, location), strict=True):
-            reported = effect.change_measured(true, at.step_s, at.robot)
-            for change, one, other in zip(changes, true.qpos, reported.qpos, strict=True):
-                mujoco.mj_differentiatePos(at.model, change[:nv], by, one, other)
-            changes[:, nv:] = (reported.qvel - true.qvel) / by
-        return found
 
     @classmethod
     def small_departures(cls, robot: Robot, location: str) -> "Iterator[tuple[Effect, float]]":
@@ -448,6 +431,20 @@ class MotorEffect(Effect):
     places = "joints"
     along_joints = True
     needs_motor = True
+
+
+@dataclass(frozen=True)
+class DriveEffect(MotorEffect):
+    """One number of the motors or of their joint PD: a factor on it, or what is added to it."""
+
+    drive_field: ClassVar[str]
+    """Field of ``Drive``."""
+
+    def change_drive(self, drive: Drive, robot: Robot) -> Drive:
+        """Scale the field by a number that is nominally one, or add to it one that is nominally zero."""
+        ((name, about),) = self.declarations().items()
+        change = drive.scaled if about.nominal else drive.added
+        return change(self.drive_field, robot.joints_at(self.location), getattr(self, name))
 
 
 @dataclass(frozen=True)

@@ -177,24 +177,3 @@ def lacks_torque_limits(robot: Robot) -> str | None:
     """What a robot lacks for effects that refer to its largest torques; None where its model states all of them."""
     limits = robot.torque_limits[robot.driven]
     return None if len(limits) and np.isfinite(limits).all() else "limits of its torques"
-
-
-def add_velocity_filter(spec: mujoco.MjSpec, robot: Robot, location: str) -> None:
-    """Give the joints at a location the actuators that a filter of the velocity in their joint PD needs."""
-    joints = [robot.joints[i] for i in robot.joints_at(location) if robot.driven[i]]
-    known = {actuator.name for actuator in spec.actuators}
-    missing = [joint for joint in joints if dc_motors.filter_of(joint) not in known]
-    dc_motors.add_filtered_dampers(spec, missing, resistance_of(robot))
-
-
-def add_heating(spec: mujoco.MjSpec, robot: Robot, location: str) -> None:
-    """Give the motors of the joints at a location, where they have a limit, their warmth as a state."""
-    limited = robot.driven & np.isfinite(robot.torque_limits)
-    motors = [robot.joint_actuators[i] for i in robot.joints_at(location) if limited[i]]
-    dc_motors.add_dc_heat(spec, np.array(motors, int), resistance_of(robot))
-
-
-def add_lag(spec: mujoco.MjSpec, robot: Robot, location: str) -> None:
-    """Give the motors of the joints at a location their torque as a state, which a lag needs."""
-    motors = [robot.joint_actuators[i] for i in robot.joints_at(location) if robot.driven[i]]
-    dc_motors.add_dc_state(spec, np.array(motors, int), resistance_of(robot))

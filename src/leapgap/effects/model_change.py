@@ -9,7 +9,7 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.effects.base import Effect, parameter, recompute_constants
-from leapgap.effects.links import move_centre
+from leapgap.effects.bodies import move_centre
 from leapgap.effects.model_field import FRAMES, ROWS, WHOLE
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot

@@ -13,7 +13,7 @@ import numpy as np
 
 from leapgap.export.posterior import SIGMAS, Posterior
 from leapgap.robot.model import Robot
-from leapgap.simulation.corrected_values import changed_model, joint_numbers
+from leapgap.simulation.corrected_model import changed_model, joint_numbers
 
 Gains = Mapping[str, tuple[float, float]]
 """Joint → kp and kd of its joint PD, N·m/rad and N·m·s/rad."""

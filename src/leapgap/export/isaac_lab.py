@@ -111,19 +111,15 @@ class IsaacLab(PythonExport):
     def further(self, corrected: CorrectedRobot) -> dict[str, str]:
         """Ranges of bodies, and which numbers of joints vary."""
         varies = [key for key in ("damping", "friction", "armature") if key in corrected.joint_ranges]
-        return {"ranges": literal(body_ranges(corrected)), "varies": literal(varies)}
-
-
-def body_ranges(corrected: CorrectedRobot) -> dict[str, dict[str, object]]:
-    """Body → ``mass``, kg, and ``com``: axis → how far the centre of mass is from that of the corrected robot, m."""
-    found: dict[str, dict[str, object]] = {}
-    for key, of in corrected.body_ranges.items():
-        for body, one in of.items():
-            own = found.setdefault(exactly(body), {})
-            if key == "mass":
-                own["mass"] = (one.low, one.high)
-            else:
-                offsets = own.setdefault("com", {})
-                assert isinstance(offsets, dict)
-                offsets[key[-1]] = (one.low - one.value, one.high - one.value)
-    return found
+        # Body → ``mass``, kg, and ``com``: axis → how far the centre of mass is from that of the corrected robot, m
+        found: dict[str, dict[str, object]] = {}
+        for key, of in corrected.body_ranges.items():
+            for body, one in of.items():
+                own = found.setdefault(exactly(body), {})
+                if key == "mass":
+                    own["mass"] = (one.low, one.high)
+                else:
+                    offsets = own.setdefault("com", {})
+                    assert isinstance(offsets, dict)
+                    offsets[key[-1]] = (one.low - one.value, one.high - one.value)
+        return {"ranges": literal(found), "varies": literal(varies)}

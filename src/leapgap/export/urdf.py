@@ -8,9 +8,8 @@ import numpy as np
 
 from leapgap.export.base import CorrectedRobot, Export, RobotNumbers
 from leapgap.robot.mjcf import copy_asset
-from leapgap.robot.model import Robot
+from leapgap.robot.model_file import is_urdf, parsed
 from leapgap.robot.rotations import matrix_of
-from leapgap.robot.urdf import is_urdf, parsed
 from leapgap.runtime.atomic_io import write_text
 
 FILE, MESHES = "robot.urdf", "meshes"
@@ -41,22 +40,18 @@ class Urdf(Export):
             copy_meshes(root, robot.path.resolve().parent, folder / self.name)
         else:
             root = tree_of(corrected)
-        change_joints(root, robot, numbers)
+        # Put damping, friction and scaled limits of effort into the joints of a URDF
+        joints = {joint.get("name"): joint for joint in root.iterfind("joint")}
+        for i, name in enumerate(robot.joints):
+            if (joint := joints.get(name)) is None:
+                continue  # one of the three that MuJoCo makes of a planar joint, which has one damping for all
+            of = {key: float(numbers.joints[key][i]) for key in ("damping", "friction", "torque_limit")}
+            child(joint, "dynamics").attrib |= {key: number(of[key]) for key in ("damping", "friction")}
+            limit = joint.find("limit")
+            if limit is not None and of["torque_limit"] != robot.torque_limits[i] and np.isfinite(of["torque_limit"]):
+                limit.set("effort", number(of["torque_limit"]))
         ElementTree.indent(root)
         write_text(folder / self.name / FILE, ElementTree.tostring(root, encoding="unicode") + "\n")
-
-
-def change_joints(root: ElementTree.Element, robot: Robot, numbers: RobotNumbers) -> None:
-    """Put damping, friction and scaled limits of effort into the joints of a URDF."""
-    joints = {joint.get("name"): joint for joint in root.iterfind("joint")}
-    for i, name in enumerate(robot.joints):
-        if (joint := joints.get(name)) is None:
-            continue  # one of the three that MuJoCo makes of a planar joint, which has one damping for all
-        of = {key: float(numbers.joints[key][i]) for key in ("damping", "friction", "torque_limit")}
-        child(joint, "dynamics").attrib |= {key: number(of[key]) for key in ("damping", "friction")}
-        limit = joint.find("limit")
-        if limit is not None and of["torque_limit"] != robot.torque_limits[i] and np.isfinite(of["torque_limit"]):
-            limit.set("effort", number(of["torque_limit"]))
 
 
 def change_links(root: ElementTree.Element, corrected: CorrectedRobot) -> None:
@@ -120,19 +115,19 @@ def tree_of(corrected: CorrectedRobot) -> ElementTree.Element:
             place = place + turn @ (model.jnt_pos[j] - offset[body])
             add_joint(root, model, j, (above, below), place, turn)
             if j != joints[-1]:
-                add_weightless(root, below)
+                # Add a link between two joints of one body; simulators refuse one without any mass
+                inertial = ElementTree.SubElement(ElementTree.SubElement(root, "link", {"name": below}), "inertial")
+                ElementTree.SubElement(inertial, "mass", {"value": number(WEIGHTLESS_KG)})
+                add_tensor(inertial, WEIGHTLESS_KGM2 * np.eye(3))
             above, place, turn, offset[body] = below, np.zeros(3), np.eye(3), model.jnt_pos[j]
         if not joints and not (robot.has_free_base and body == robot.base_body):
-            add_fixed(root, (above, name), place, turn)
+            # Add a fixed joint between two links
+            links = (above, name)
+            joint = ElementTree.SubElement(root, "joint", {"name": f"{links[1]}_fixed", "type": "fixed"})
+            add_links(joint, links)
+            add_origin(joint, place, turn)
         set_inertia(ElementTree.SubElement(root, "link", {"name": name}), corrected.corrected, body, offset[body])
     return root
-
-
-def add_weightless(root: ElementTree.Element, name: str) -> None:
-    """Add a link between two joints of one body; simulators refuse one without any mass."""
-    inertial = ElementTree.SubElement(ElementTree.SubElement(root, "link", {"name": name}), "inertial")
-    ElementTree.SubElement(inertial, "mass", {"value": number(WEIGHTLESS_KG)})
-    add_tensor(inertial, WEIGHTLESS_KGM2 * np.eye(3))
 
 
 def add_joint(
@@ -160,21 +155,11 @@ def add_joint(
     ElementTree.SubElement(joint, "axis", {"xyz": vector(axis)})
     low, high = model.jnt_range[j] if limited else (-UNKNOWN, UNKNOWN)
     ends = {} if kind == "continuous" else {"lower": number(low), "upper": number(high)}
-    ElementTree.SubElement(joint, "limit", {**ends, "effort": effort_of(model, j), "velocity": number(UNKNOWN)})
-
-
-def effort_of(model: mujoco.MjModel, j: int) -> str:
-    """The largest torque or force of the actuator at a joint."""
+    # The largest torque or force of the actuator at a joint
     of = np.flatnonzero(model.actuator_trnid[:, 0] == j)
     limits = [abs(model.actuator_forcerange[a]).max() for a in of if model.actuator_forcelimited[a]]
-    return number(max(limits, default=UNKNOWN))
-
-
-def add_fixed(root: ElementTree.Element, links: tuple[str, str], place: np.ndarray, turn: np.ndarray) -> None:
-    """Add a fixed joint between two links."""
-    joint = ElementTree.SubElement(root, "joint", {"name": f"{links[1]}_fixed", "type": "fixed"})
-    add_links(joint, links)
-    add_origin(joint, place, turn)
+    ends |= {"effort": number(max(limits, default=UNKNOWN)), "velocity": number(UNKNOWN)}
+    ElementTree.SubElement(joint, "limit", ends)
 
 
 def add_links(joint: ElementTree.Element, links: tuple[str, str]) -> None:

@@ -47,18 +47,15 @@ FRONT_THIGH_AT_ROW_790 = {  # commanded, rad; grows with the distance: tells the
 class PublishedOptions:
     """What the published files do not say themselves."""
 
-    sample_period_s: float = 0.001
-    """Claimed by the source; whether it is true is for the diagnosis to say."""
+    sample_period_s: float = 0.001  # Claimed by the source; whether it is true is for the diagnosis to say
     kp: float = 300.0
     kd: float = 3.0
-    landing_row: int = 1100
-    """First row of the landing sequence, which has other gains on the front legs."""
+    landing_row: int = 1100  # First row of the landing sequence, which has other gains on the front legs
     landing_front_kp: float = 80.0
     landing_front_kd: float = 1.0
     block_length_m: float = 0.2
     block_width_m: float = 0.5
-    least_block_height_m: float = 0.005
-    """Front feet this much above the rear ones at the start stand on a block."""
+    least_block_height_m: float = 0.005  # Front feet this much above the rear ones at the start stand on a block
 
 
 class PublishedA1(LogFormat):
@@ -187,18 +184,10 @@ def read_table(path: Path, columns: int, separator: str | None) -> np.ndarray:
     except ValueError as error:
         raise InputError(path, f"no whole table ({error})", "numbers, as many in every row", "copy it again") from None
     if table.shape[1] < columns or not len(table):
-        raise InputError(
-            path,
-            f"{table.shape[0]} rows × {table.shape[1]} columns",
-            f"{columns} columns or more",
-            "check that it is the file of the published layout",
-        )
+        found = f"{table.shape[0]} rows × {table.shape[1]} columns"
+        raise InputError(path, found, f"{columns} columns or more", "check that it is the file of the published layout")
     bad = np.argwhere(~np.isfinite(table))
     if len(bad):
-        raise InputError(
-            path,
-            f"{len(bad)} values that are no number, first in row {bad[0][0]}, column {bad[0][1]}",
-            "finite numbers",
-            "repair the log, or leave this jump out",
-        )
+        says = f"{len(bad)} values that are no number, first in row {bad[0][0]}, column {bad[0][1]}"
+        raise InputError(path, says, "finite numbers", "repair the log, or leave this jump out")
     return table

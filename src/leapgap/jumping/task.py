@@ -9,10 +9,9 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.segments import ROUNDING_S, Segment, jump_segments
+from leapgap.logs.metadata import ROUNDING_S, Segment, jump_segments
 
-STAND = "stand"
-"""Segment of a log before its first jump begins."""
+STAND = "stand"  # Segment of a log before its first jump begins
 
 
 @dataclass(frozen=True)
@@ -64,8 +63,7 @@ class Target:
     z_m: float = 0.0
 
 
-SCHEDULE, TARGET = "schedule", "target"
-"""Keys of a jump in the metadata of its log."""
+SCHEDULE, TARGET = "schedule", "target"  # Keys of a jump in the metadata of its log
 
 
 def metadata_of(schedule: ContactSchedule, target: Target) -> dict[str, Any]:

@@ -149,19 +149,6 @@ class PolicyRun:
             raise InputError(f"map, {where}", ", ".join(unknown), f"joints among {', '.join(among)}", "correct it")
         return [list(among).index(name) for name in names]
 
-    def observe(self, reading: Reading, last: np.ndarray) -> np.ndarray:
-        """The observation of a reading."""
-        parts = []
-        for k, term in enumerate(self.map.observation):
-            value = np.asarray(self.value(term, reading, last, f"observation, item {k}"), float)
-            if term.less and len(term.less) != len(value):
-                expected = f"{len(value)} numbers"
-                raise InputError(
-                    f"map, observation, item {k}, less", f"{len(term.less)} numbers", expected, "correct it"
-                )
-            parts.append((value - np.array(term.less or 0.0)) * term.scale)
-        return np.concatenate(parts)
-
     def value(self, term: Term, reading: Reading, last: np.ndarray, where: str) -> np.ndarray | Sequence[float]:
         """What a term is of, before its scale."""
         if term.of in ("joint_pos", "joint_vel"):
@@ -198,7 +185,17 @@ class PolicyRun:
         height = float(simulator.state[0][2]) if self.robot.has_free_base else 0.0
         target = reading.joint_pos[self.robot.driven].copy()
         for _ in range(round(self.map.seconds / self.map.period_s)):
-            action = self.network(self.observe(reading, last))
+            # The observation of a reading
+            parts = []
+            for k, term in enumerate(self.map.observation):
+                value = np.asarray(self.value(term, reading, last, f"observation, item {k}"), float)
+                if term.less and len(term.less) != len(value):
+                    expected = f"{len(value)} numbers"
+                    raise InputError(
+                        f"map, observation, item {k}, less", f"{len(term.less)} numbers", expected, "correct it"
+                    )
+                parts.append((value - np.array(term.less or 0.0)) * term.scale)
+            action = self.network(np.concatenate(parts))
             if len(action) != len(order) or not np.isfinite(action).all():
                 found = f"{len(action)} actions" if len(action) != len(order) else "actions that are no numbers"
                 raise InputError("--policy", found, f"{len(order)} finite actions, one a joint", "correct the map")

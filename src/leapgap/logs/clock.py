@@ -17,12 +17,9 @@ def check_period(where: object, time: np.ndarray, stated_s: float) -> None:
     """``InputError`` where the mean step of the time stamps is not the period that somebody stated."""
     mean = mean_period(time)
     if mean > 0 and abs(stated_s / mean - 1) > PERIOD_TOLERANCE:
-        raise InputError(
-            f"{where}, time",
-            f"steps of {mean:g} s on average",
-            f"the stated period of {stated_s:g} s, within {PERIOD_TOLERANCE:.0%}",
-            "correct the unit of the time or the period, or leave the period out: the time stamps are the clock",
-        )
+        expected = f"the stated period of {stated_s:g} s, within {PERIOD_TOLERANCE:.0%}"
+        do = "correct the unit of the time or the period, or leave the period out: the time stamps are the clock"
+        raise InputError(f"{where}, time", f"steps of {mean:g} s on average", expected, do)
 
 
 def increasing_rows(time: np.ndarray) -> np.ndarray:

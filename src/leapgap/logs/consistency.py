@@ -1,16 +1,96 @@
-"""Whether a log agrees with physics, by itself: order of rows, units, order of quaternions, rows that were lost.
+"""Whether columns make a log that can be used, and whether they agree with physics: units, order, lost rows.
 
-The tests are wide: a clock that is wrong by a third, late measurements, noise and samples that repeat all pass. What
-fails is a log whose numbers are not what their names say.
-"""
+The tests of physics are wide: a clock that is wrong by a third, late measurements, noise and samples that repeat all
+pass. What fails is a log whose numbers are not what their names say."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from leapgap.errors import InputError
-from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
+from leapgap.errors import CONTROL, InputError
+from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, COMMANDS
 from leapgap.robot.rotations import turn_between
+
+Columns = Mapping[str, np.ndarray]
+"""Columns of a log by name."""
+
+
+def check_complete(columns: Columns, joints: Sequence[str], where: str) -> None:
+    """Raise ``InputError`` for columns that make no log; ``joints`` are those with a commanded torque."""
+    check_names(columns, where)
+    check_rows(columns, where)
+    check_times(columns, where)
+    check_commands(columns, joints, where)
+    check_base(columns, where)
+
+
+def check_names(columns: Columns, where: str) -> None:
+    """No control characters in the name of the log or of a column: names are printed, and written into pages."""
+    for name in ("", *columns) if CONTROL.search(where + "".join(columns)) else ():
+        if CONTROL.search(name or where):
+            found, do = f"the name {name or where}", "rename it"
+            raise InputError(f"{where}, columns" if name else where, found, "printable characters, on one line", do)
+
+
+def check_rows(columns: Columns, where: str) -> None:
+    """Two or more rows in every column, with finite numbers."""
+    if "time" not in columns:
+        raise InputError(where, "no column time", "a strictly increasing time, s", "add the column")
+    rows = len(columns["time"])
+    if rows < 2:
+        raise InputError(where, f"{rows} rows", "two or more", "log the whole motion")
+    for name, values in columns.items():
+        if values.shape != (rows,):
+            raise InputError(f"{where}, column {name}", f"shape {values.shape}", f"({rows},)", "export it again")
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            found = f"{len(bad)} values that are no number, first in row {bad[0]}"
+            do = "repair the log, or leave the column out if it was not measured"
+            raise InputError(f"{where}, column {name}", found, "finite numbers", do)
+
+
+def check_times(columns: Columns, where: str) -> None:
+    """Raise ``InputError`` where time stands still or runs back from one row to the next."""
+    back = np.flatnonzero(np.diff(columns["time"]) <= 0)
+    if len(back):
+        found = f"a step of {np.diff(columns['time'])[back[0]]:g} s after row {back[0]}{copies_in_words(columns, back)}"
+        do = "sort the rows, or repair the clock"
+        raise InputError(f"{where}, column time", found, "strictly increasing times", do)
+
+
+def copies_in_words(columns: Columns, rows: np.ndarray) -> str:
+    """Whether the rows after these are copies of them in every column, in words; empty where they are not."""
+    if not all((values[rows] == values[rows + 1]).all() for values in columns.values()):
+        return ""
+    return f" ({len(rows)} rows are there twice, equal in every column)"
+
+
+def check_commands(columns: Columns, joints: Sequence[str], where: str) -> None:
+    """Commands and gains of every joint; the log of a free body, whose pose it has, needs none."""
+    free = set(BASE_POSITION) | set(BASE_QUATERNION) <= set(columns) and not any("/" in name for name in columns)
+    if not joints and not free:
+        raise InputError(where, "no column cmd_tau/<joint>", "commands of every joint", "log the commands")
+    for quantity in COMMANDS:
+        missing = [joint for joint in joints if f"{quantity}/{joint}" not in columns]
+        if missing:
+            do = "log them; the gap cannot be judged without the commands"
+            raise InputError(where, f"no {quantity} of {', '.join(missing)}", "commands and gains of every joint", do)
+
+
+def check_base(columns: Columns, where: str) -> None:
+    """All of the base's position and attitude or none, and attitudes of length one."""
+    for group in (BASE_POSITION, BASE_QUATERNION):
+        present = [name for name in group if name in columns]
+        if present and len(present) != len(group):
+            raise InputError(where, f"only {', '.join(present)}", f"all of {', '.join(group)}, or none", "log all")
+    if BASE_QUATERNION[0] in columns:
+        length = np.linalg.norm(np.stack([columns[name] for name in BASE_QUATERNION], axis=-1), axis=1)
+        worst = int(np.argmax(np.abs(length - 1)))
+        if abs(length[worst] - 1) > 1e-3:
+            found = f"length {length[worst]:g}"
+            do = "normalise them, and check their order"
+            raise InputError(f"{where}, base_quat, row {worst}", found, "unit quaternions w x y z", do)
+
 
 WINDOW_S = 0.05
 """Displacements over this time are held against integrals of velocities; shorter ones are mostly noise."""
@@ -38,27 +118,21 @@ LONGEST_STEP = 3.0
 """Median steps of the time from which on a step is a gap."""
 TYPICAL = ((180 / np.pi, "degrees for radians"), (1000.0, "mm for m, or ms for s"), (100.0, "cm for m"))
 
-Columns = Mapping[str, np.ndarray]
-
 
 def check_physics(columns: Columns, joints: Sequence[str], where: object) -> None:
     """``InputError`` where the columns of a log contradict each other beyond what any robot or sensor explains."""
     time = columns["time"]
     check_order(columns, joints, where)
-    for positions, velocities in pairs(columns, joints):
-        check_velocities(columns, positions, velocities, time, where)
-    check_attitude(columns, time, where)
-    check_set_points(columns, joints, where)
-
-
-def pairs(columns: Columns, joints: Sequence[str]) -> list[tuple[list[str], list[str]]]:
-    """Columns of positions with those of their velocities, as far as both are there."""
+    # Columns of positions with those of their velocities, as far as both are there
     every = [
         ([f"joint_pos/{joint}" for joint in joints], [f"joint_vel/{joint}" for joint in joints]),
         (list(BASE_POSITION), list(BASE_VELOCITY)),
     ]
     both = [[(p, v) for p, v in zip(*one, strict=True) if p in columns and v in columns] for one in every]
-    return [([p for p, _ in one], [v for _, v in one]) for one in both if one]
+    for positions, velocities in [([p for p, _ in one], [v for _, v in one]) for one in both if one]:
+        check_velocities(columns, positions, velocities, time, where)
+    check_attitude(columns, time, where)
+    check_set_points(columns, joints, where)
 
 
 def table(columns: Columns, names: Sequence[str]) -> np.ndarray:
@@ -104,28 +178,21 @@ def check_velocities(
             continue
         speed = float(np.sqrt(np.mean((integrated[rows:, column] - integrated[:-rows, column]) ** 2)))
         if name.startswith("joint_pos/") and np.ptp(position[:, column]) == 0 and speed > MOVES:
-            raise InputError(
-                f"{where}, column {name}",
-                f"one value in all samples, while {other} moves by {speed:.2g} in {WINDOW_S:g} s",
-                "positions and velocities of one motion",
-                "map the measured positions, or repair the sensor",
-            )
+            found = f"one value in all samples, while {other} moves by {speed:.2g} in {WINDOW_S:g} s"
+            do = "map the measured positions, or repair the sensor"
+            raise InputError(f"{where}, column {name}", found, "positions and velocities of one motion", do)
     for column in np.flatnonzero(moving).tolist():
         name, other = positions[column], velocities[column]
         if alike[column] > SAME_MOTION and not 1 / LARGEST_RATIO < ratio[column] < LARGEST_RATIO:
-            raise InputError(
-                f"{where}, column {name}",
-                f"displacements of {ratio[column]:.3g} times the integral of {other}{typical(ratio[column])}",
-                "the integral of the velocity: one unit, and a clock in s",
-                "correct the unit of one of them, or of the time",
-            )
+            says = f"displacements of {ratio[column]:.3g} times the integral of {other}{typical(ratio[column])}"
+            expected = "the integral of the velocity: one unit, and a clock in s"
+            advice = "correct the unit of one of them, or of the time"
+            raise InputError(f"{where}, column {name}", says, expected, advice)
         if alike[column] < OTHER_MOTION:
-            raise InputError(
-                f"{where}, column {name}",
-                f"a motion that is not the one of {other} (correlation {alike[column]:.2f})",
-                "positions and velocities of one motion, rows in the order of time",
-                "check the names and the order of the columns, signs, and the order of the rows",
-            )
+            says = f"a motion that is not the one of {other} (correlation {alike[column]:.2f})"
+            expected = "positions and velocities of one motion, rows in the order of time"
+            advice = "check the names and the order of the columns, signs, and the order of the rows"
+            raise InputError(f"{where}, column {name}", says, expected, advice)
     check_clock_unit(position, integrated, time, positions, where)
     check_steps(position, integrated, time, moving, positions, where)
 
@@ -180,9 +247,13 @@ def check_steps(
     beyond[steps > LONGEST_STEP * np.median(steps)] = 0.0  # across a gap that the time states, no velocity is known
     usual = np.percentile(beyond, 99, axis=0)
     stalled = np.flatnonzero((beyond > JUMP).mean(axis=1) >= JUMPING_SHARE)
-    beyond[stalled] = np.minimum(
-        beyond[stalled], beyond_stall(drift, integrated[:, moving], steps, np.asarray(stalled))
-    )
+    # What is left of leaps after these rows if the row was longer than claimed, by the time that suits all columns
+    rows = np.asarray(stalled)
+    leap = drift[rows + 1] - drift[rows]
+    velocity = (integrated[:, moving][rows + 1] - integrated[:, moving][rows]) / steps[rows, None]
+    square = np.maximum((velocity**2).sum(axis=1), np.finfo(float).tiny)
+    longer = np.clip((velocity * leap).sum(axis=1) / square, 0.0, LONGEST_STALL_S)
+    beyond[stalled] = np.minimum(beyond[stalled], np.asarray(np.abs(leap - longer[:, None] * velocity)))
     leaps = ((beyond > JUMP) & (beyond > JUMP_RATIO * usual)).mean(axis=1)
     row = int(np.argmax(leaps))
     if leaps[row] >= JUMPING_SHARE:
@@ -194,19 +265,6 @@ def check_steps(
             "rows that follow each other",
             "rows were lost here: cut the log, or give it its own time stamps",
         )
-
-
-def beyond_stall(drift: np.ndarray, integrated: np.ndarray, steps: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """What is left of leaps after these rows if the row was longer than claimed, by the time that suits all columns.
-
-    ``drift`` and ``integrated``: (rows, columns); ``steps``: claimed lengths of rows, s. No row was longer by more than
-    ``LONGEST_STALL_S``.
-    """
-    leap = drift[rows + 1] - drift[rows]
-    velocity = (integrated[rows + 1] - integrated[rows]) / steps[rows, None]
-    square = np.maximum((velocity**2).sum(axis=1), np.finfo(float).tiny)
-    longer = np.clip((velocity * leap).sum(axis=1) / square, 0.0, LONGEST_STALL_S)
-    return np.asarray(np.abs(leap - longer[:, None] * velocity))
 
 
 def typical(ratio: float) -> str:
@@ -241,12 +299,9 @@ def check_attitude(columns: Columns, time: np.ndarray, where: object) -> None:
     wrong = moving & (alike > SAME_MOTION) & ~((ratio > 1 / LARGEST_RATIO) & (ratio < LARGEST_RATIO))
     if wrong.any():
         axis = int(np.argmax(wrong))
-        raise InputError(
-            f"{where}, column {BASE_ANGULAR_VELOCITY[axes[axis]]}",
-            f"the attitude turns {ratio[axis]:.3g} times as much{typical(ratio[axis])}",
-            "rad/s, and a clock in s",
-            "correct the unit",
-        )
+        found = f"the attitude turns {ratio[axis]:.3g} times as much{typical(ratio[axis])}"
+        expected = "rad/s, and a clock in s"
+        raise InputError(f"{where}, column {BASE_ANGULAR_VELOCITY[axes[axis]]}", found, expected, "correct the unit")
 
 
 def turns(quaternion: np.ndarray, rows: int) -> np.ndarray:
@@ -288,20 +343,14 @@ def check_order(columns: Columns, joints: Sequence[str], where: object) -> None:
         return
     rough = np.mean(np.diff(position, axis=0) ** 2, axis=0) / np.maximum(variance, np.finfo(float).tiny)
     if (rough[wide] > ROUGH).all() and len(position) > 10:
-        raise InputError(
-            f"{where}, column {names[int(np.argmax(wide))]}",
-            "steps from row to row as large as the whole motion",
-            "rows in the order of time, several to a swing",
-            "sort the rows",
-        )
+        found = "steps from row to row as large as the whole motion"
+        expected = "rows in the order of time, several to a swing"
+        raise InputError(f"{where}, column {names[int(np.argmax(wide))]}", found, expected, "sort the rows")
     whole = wide & (position == np.round(position)).all(axis=0)
     if whole.any():
-        raise InputError(
-            f"{where}, column {names[int(np.argmax(whole))]}",
-            "whole numbers alone",
-            "angles in rad, or m",
-            "turn the counts of the encoder into rad by a factor, or export more digits",
-        )
+        found = "whole numbers alone"
+        do = "turn the counts of the encoder into rad by a factor, or export more digits"
+        raise InputError(f"{where}, column {names[int(np.argmax(whole))]}", found, "angles in rad, or m", do)
 
 
 def remarks(columns: Columns) -> list[str]:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from leapgap.logs.base_estimate import contact_columns
 from leapgap.logs.log import Log
-from leapgap.logs.segments import FLIGHT, runs_of, segment_of_rows
-from leapgap.logs.stance import contact_columns
+from leapgap.logs.metadata import FLIGHT, runs_of, segment_of_rows
 from leapgap.logs.state import motion_of
 from leapgap.robot.kinematics import feet_positions
 from leapgap.robot.model import Robot

@@ -36,7 +36,13 @@ def velocity_fit(time: np.ndarray, position: np.ndarray, window_s: float, degree
     rows, least = len(time), degree + 2
     if rows < least:
         raise InputError("velocity_fit", f"{rows} rows", f"{least} or more", "log more of the motion")
-    first, last = window_rows(time, window_s, least)
+    # First row, and the row after the last, of the window about each row; ``least`` rows or more are in it
+    half = 0.5 * window_s * (1 + 1e-9)
+    first, last = np.searchsorted(time, time - half, "left"), np.searchsorted(time, time + half, "right")
+    short = last - first < least
+    nearest = np.clip(np.arange(len(time)) - (least - 1) // 2, 0, len(time) - least)
+    first = np.where(short, np.minimum(first, nearest), first)
+    first, last = (first, np.where(short, np.maximum(last, nearest + least), last))
     width = int((last - first).max())
     flat = position.reshape(rows, -1)
     velocity, gain = np.empty(flat.shape), np.empty(rows)
@@ -46,35 +52,18 @@ def velocity_fit(time: np.ndarray, position: np.ndarray, window_s: float, degree
         taken = first[at, None] + np.arange(width)
         inside = taken < last[at, None]
         taken = np.where(inside, taken, 0)
-        weights = slope_weights(np.where(inside, time[taken] - time[at, None], 0.0), inside, degree)
+        # Weights (rows, k) that turn the positions of a window into the slope at its centre
+        offset = np.where(inside, time[taken] - time[at, None], 0.0)
+        scale = np.abs(offset).max(axis=1, keepdims=True)  # times of the order of 1: AᵀA stays well conditioned
+        powers = (offset / scale)[:, :, None] ** np.arange(degree + 1) * inside[:, :, None]
+        moments = np.einsum("rki,rkj->rij", powers, powers)
+        slope = np.zeros((degree + 1, 1))
+        slope[1] = 1.0
+        of_slope = np.linalg.solve(moments, np.broadcast_to(slope, (len(offset), degree + 1, 1)))[:, :, 0]
+        weights = np.einsum("ri,rki->rk", of_slope, powers) / scale
         velocity[at] = np.einsum("rk,rkc->rc", weights, flat[taken])
         gain[at] = np.sqrt((weights**2).sum(axis=1))
     return VelocityFit(velocity.reshape(position.shape), gain)
-
-
-def window_rows(time: np.ndarray, window_s: float, least: int) -> tuple[np.ndarray, np.ndarray]:
-    """First row, and the row after the last, of the window about each row; ``least`` rows or more are in it."""
-    half = 0.5 * window_s * (1 + 1e-9)
-    first, last = np.searchsorted(time, time - half, "left"), np.searchsorted(time, time + half, "right")
-    short = last - first < least
-    nearest = np.clip(np.arange(len(time)) - (least - 1) // 2, 0, len(time) - least)
-    first = np.where(short, np.minimum(first, nearest), first)
-    return first, np.where(short, np.maximum(last, nearest + least), last)
-
-
-def slope_weights(offset: np.ndarray, inside: np.ndarray, degree: int) -> np.ndarray:
-    """Weights (rows, k) that turn the positions of a window into the slope at its centre.
-
-    ``offset`` are times from that centre, s, (rows, k); where ``inside`` is False the weight is 0. The slope is the
-    second coefficient of the least-squares polynomial, (AᵀA)⁻¹Aᵀ with A = [1, t, t², …].
-    """
-    scale = np.abs(offset).max(axis=1, keepdims=True)  # times of the order of 1: AᵀA stays well conditioned
-    powers = (offset / scale)[:, :, None] ** np.arange(degree + 1) * inside[:, :, None]
-    moments = np.einsum("rki,rkj->rij", powers, powers)
-    slope = np.zeros((degree + 1, 1))
-    slope[1] = 1.0
-    of_slope = np.linalg.solve(moments, np.broadcast_to(slope, (len(offset), degree + 1, 1)))[:, :, 0]
-    return np.einsum("ri,rki->rk", of_slope, powers) / scale
 
 
 def add_velocities(log: Log, joints: Sequence[str], window_s: float) -> tuple[Log, dict[str, str]]:

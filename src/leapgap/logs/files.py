@@ -1,10 +1,16 @@
-"""Foreign files: what is opened at all, how much of it is taken into memory, and what a broken one becomes."""
+"""Foreign files: what is opened at all, how much is taken into memory or unpacked, and what a broken one becomes."""
 
+import io
 import os
 import stat
-from collections.abc import Iterator
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, BinaryIO, Protocol
+
+import pyarrow.parquet as pq
 
 from leapgap.errors import InputError, check_utf8
 
@@ -90,3 +96,198 @@ def decoding(path: object, kind: str, do: str) -> Iterator[None]:
     except Exception as error:
         says = " ".join(str(error).split())[:LONGEST_MESSAGE]
         raise InputError(path, f"no readable {kind} ({type(error).__name__}: {says})", "a whole file", do) from error
+
+
+MOST_UNPACKED = 1_000_000_000
+"""Bytes that a packed text or piece may have."""
+PIECE_BYTES, READ_BYTES = 1 << 20, 1 << 16
+"""Bytes that are unpacked, and read, at once."""
+
+
+class Unpacker(Protocol):
+    """What ``zlib``, ``bz2``, ``lz4.frame`` and ``zstd`` unpack with, piece by piece."""
+
+    @property
+    def eof(self) -> bool:
+        """Whether the frame is over."""
+        ...
+
+    def decompress(self, data: bytes, max_length: int, /) -> bytes:
+        """At most so many further bytes."""
+        ...
+
+
+class Bounded(io.RawIOBase):
+    """A stream that is read from its begin and refuses to give more than ``most`` bytes."""
+
+    def __init__(self, stream: Any, where: object, most: int = MOST_UNPACKED) -> None:
+        self.stream, self.where, self.most, self.left = stream, where, most, most
+
+    def readable(self) -> bool:
+        """It is read, and nothing else."""
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill a buffer as far as there are bytes; ``InputError`` beyond the limit."""
+        data = self.stream.read(min(len(buffer), self.left + 1))
+        self.left -= len(data)
+        if self.left < 0:
+            raise too_much(self.where, self.most)
+        buffer[: len(data)] = data
+        return len(data)
+
+
+def too_much(where: object, most: int) -> InputError:
+    """The refusal of what unpacks to more than it may."""
+    return InputError(where, f"more than {most} bytes when unpacked", f"{most} at most", "cut it into several files")
+
+
+def unpack(data: bytes, start: Callable[[], Unpacker], where: object, most: int = MOST_UNPACKED) -> bytes:
+    """Unpack one piece of data, of one or several frames; ``InputError`` where more than ``most`` bytes come out."""
+    parts, left = [], most
+    while data:
+        unpacker = start()
+        parts.append(unpacker.decompress(data, left + 1))
+        left -= len(parts[-1])
+        if left < 0:
+            raise too_much(where, most)
+        if not unpacker.eof:
+            raise ValueError("packed data that end too early")
+        data = getattr(unpacker, "unused_data", b"") or b""
+    return b"".join(parts)
+
+
+def inflated_size(file: BinaryIO, length: int, where: object, most: int) -> int:
+    """Bytes that so many bytes of a file inflate to, of which none is kept; ``InputError`` beyond ``most``."""
+    inflater, size, left = zlib.decompressobj(), 0, length
+    while not inflater.eof and left > 0 and (data := file.read(min(left, READ_BYTES))):
+        left -= len(data)
+        while data and not inflater.eof:
+            size += len(inflater.decompress(data, PIECE_BYTES))
+            data = inflater.unconsumed_tail
+            if size > most:
+                raise too_much(where, most)
+    return size
+
+
+def member(folder: zipfile.ZipFile, name: str, where: object, most: int = MOST_UNPACKED) -> bytes:
+    """A file of a zip, of which no more is unpacked than it states; ``InputError`` where that is above ``most``."""
+    size = folder.getinfo(name).file_size
+    if size > most:
+        raise too_much(f"{where}, {name}", most)
+    with folder.open(name) as file:
+        return file.read(size) if size else b""
+
+
+SMALL_BYTES = 1 << 15
+"""Columns of flat values that take less in the file cannot unpack to much."""
+HEADER_BYTES, DEEPEST_FIELD = 1 << 16, 8
+UNPACKED, PACKED, VALUES = 2, 3, 1
+"""Fields of a page's header, and of the header of its kind."""
+PAGE_KINDS = (5, 8)
+"""Fields with the header of a page of data, of either version."""
+TRUE, FALSE, BYTE, DOUBLE, BINARY, LIST, SET, STRUCT = 1, 2, 3, 7, 8, 9, 10, 12
+WHOLE = (4, 5, 6)
+"""Kinds of values."""
+
+
+def check_pages(path: Path, file: pq.ParquetFile, columns: set[str] | None = None) -> None:
+    """``InputError`` where pages state more bytes or values than the file does of their column."""
+    metadata, schema = file.metadata, file.schema
+    nested = [schema.column(i).max_repetition_level > 0 for i in range(metadata.num_columns)]
+    with path.open("rb") as raw:
+        for group in map(metadata.row_group, range(metadata.num_row_groups)):
+            for i in range(metadata.num_columns):
+                column = group.column(i)
+                wanted = columns is None or column.path_in_schema.partition(".")[0] in columns
+                if wanted and (nested[i] or column.total_compressed_size > SMALL_BYTES):
+                    check_column(path, raw, column)
+
+
+def check_column(path: Path, raw: BinaryIO, column: pq.ColumnChunkMetaData) -> None:
+    """The same of one column of one group of rows."""
+    starts = [column.data_page_offset, *([column.dictionary_page_offset] if column.has_dictionary_page else [])]
+    at = min(start for start in starts if start is not None)
+    end, unpacked, values = at + column.total_compressed_size, 0, 0
+    where = f"{path}, column {column.path_in_schema}"
+    while at < end:
+        raw.seek(at)
+        try:
+            header, length = Header(raw.read(HEADER_BYTES)).read()
+            packed = int(header[PACKED])
+            unpacked += int(header[UNPACKED]) + length
+            values += sum(int(header[kind][VALUES]) for kind in PAGE_KINDS if kind in header)
+        except (IndexError, KeyError, TypeError, ValueError, RecursionError):
+            raise InputError(where, "a page without a whole header", "a whole file", "export it again") from None
+        if packed < 0 or header[UNPACKED] < 0 or unpacked > column.total_uncompressed_size:
+            found = f"pages of {unpacked} bytes or more"
+            raise InputError(where, found, f"{column.total_uncompressed_size}, as the file states", "export it again")
+        at += length + packed
+    if values > column.num_values:
+        raise InputError(where, f"pages of {values} values", f"{column.num_values}", "export it again")
+
+
+class Header:
+    """Reads one structure of Thrift's compact protocol."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data, self.at = data, 0
+
+    def read(self) -> tuple[dict[int, Any], int]:
+        """The fields of the structure by their numbers, and its length."""
+        return self.structure(0), self.at
+
+    def byte(self) -> int:
+        """The byte at the present place, which goes on by one."""
+        self.at += 1
+        return self.data[self.at - 1]
+
+    def whole(self) -> int:
+        """A number of seven bits a byte, the lowest first."""
+        value, shift = 0, 0
+        while True:
+            one = self.byte()
+            value |= (one & 0x7F) << shift
+            shift += 7
+            if one < 0x80:
+                return value
+            if shift > 70:
+                raise ValueError("a number without end")
+
+    def signed(self) -> int:
+        """A number whose lowest bit is its sign."""
+        value = self.whole()
+        return (value >> 1) ^ -(value & 1)
+
+    def structure(self, depth: int) -> dict[int, Any]:
+        """Fields until the one that ends the structure."""
+        if depth > DEEPEST_FIELD:
+            raise ValueError("too deep")
+        fields: dict[int, Any] = {}
+        number = 0
+        while (head := self.byte()) != 0:
+            number = number + (head >> 4) if head >> 4 else self.signed()
+            kind = head & 0x0F
+            fields[number] = kind == TRUE if kind in (TRUE, FALSE) else self.value(kind, depth)
+        return fields
+
+    def value(self, kind: int, depth: int) -> Any:
+        """A value of a kind; texts and lists are passed over."""
+        if kind in (TRUE, FALSE, BYTE):
+            return self.byte()
+        if kind == DOUBLE:
+            self.at += 8
+        elif kind == BINARY:
+            length = self.whole()
+            self.at += length
+        elif kind in (LIST, SET):
+            head = self.byte()
+            for _ in range(head >> 4 if head >> 4 < 15 else self.whole()):
+                self.value(head & 0x0F, depth + 1)
+        elif kind == STRUCT:
+            return self.structure(depth + 1)
+        elif kind in WHOLE:
+            return self.signed()
+        else:
+            raise ValueError(f"kind {kind}")
+        return None

@@ -19,13 +19,10 @@ import pyarrow.parquet as pq
 
 from leapgap.errors import InputError
 from leapgap.logs.clock import check_period
-from leapgap.logs.completeness import check_complete
-from leapgap.logs.consistency import check_physics
-from leapgap.logs.files import VALUE_BYTES, check_file, check_folder, check_values_fit, decoding
-from leapgap.logs.metadata import read_metadata
-from leapgap.logs.parquet_pages import check_pages
+from leapgap.logs.consistency import check_complete, check_physics
+from leapgap.logs.files import VALUE_BYTES, check_file, check_folder, check_pages, check_values_fit, decoding
+from leapgap.logs.metadata import Segment, contact_segments, equal_segments, jump_segments, read_metadata
 from leapgap.logs.schema import BASE_QUATERNION, PAIR_FORCE_AXES, check_values
-from leapgap.logs.segments import Segment, contact_segments, equal_segments, jump_segments
 from leapgap.robot.rotations import continuous, pitch_of, roll_of, yaw_of
 from leapgap.robot.terrain import Box
 from leapgap.runtime.atomic_io import whole_file
@@ -102,12 +99,9 @@ class LogInfo:
             _ = info.segments  # a schedule that lacks a phase is told here, where the file is known
             return info
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(
-                where,
-                f"metadata that do not fit ({error!r})",
-                "the log's metadata (docs/reference/log_format.md)",
-                "import the log again",
-            ) from None
+            found = f"metadata that do not fit ({error!r})"
+            do = "import the log again"
+            raise InputError(where, found, "the log's metadata (docs/reference/log_format.md)", do) from None
 
 
 @dataclass(frozen=True)
@@ -145,12 +139,8 @@ class Log:
         try:
             return self.columns[column]
         except KeyError:
-            raise InputError(
-                self.name,
-                f"no column {column}",
-                f"one of {', '.join(sorted(self.columns))}",
-                "log it, or leave out what needs it",
-            ) from None
+            expected = f"one of {', '.join(sorted(self.columns))}"
+            raise InputError(self.name, f"no column {column}", expected, "log it, or leave out what needs it") from None
 
     def stack(self, columns: Sequence[str]) -> np.ndarray:
         """Several columns side by side, shape (rows, len(columns))."""
@@ -322,20 +312,19 @@ def read_parquet(path: Path) -> tuple[pa.Table, Mapping[bytes, bytes]]:
             raise InputError(path, "no metadata 'leapgap'", "a log of this project", "import it: leapgap import")
         groups = sum(stated.row_group(i).total_byte_size for i in range(stated.num_row_groups))
         check_values_fit(path, max(stated.num_rows * stated.num_columns, groups / VALUE_BYTES))
-        check_schema(file.schema_arrow, path)
+        # Refuse a column that is not numeric, or is there twice
+        schema = file.schema_arrow
+        if len(set(schema.names)) < len(schema.names):
+            twice = next(name for name in schema.names if schema.names.count(name) > 1)
+            raise InputError(
+                path, f"{schema.names.count(twice)} columns {twice}", "one of each name", "import it again"
+            )
+        for name, kind in zip(schema.names, schema.types, strict=True):
+            if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind)):
+                found = f"a column that is not numeric ({name}: {kind})"
+                raise InputError(path, found, "float64 columns", "import it again")
         check_pages(path, file)
         return file.read(use_threads=stated.num_rows * stated.num_columns > MANY_VALUES), metadata
-
-
-def check_schema(schema: pa.Schema, path: Path) -> None:
-    """``InputError`` for a column that is not numeric, or is there twice."""
-    if len(set(schema.names)) < len(schema.names):
-        twice = next(name for name in schema.names if schema.names.count(name) > 1)
-        raise InputError(path, f"{schema.names.count(twice)} columns {twice}", "one of each name", "import it again")
-    for name, kind in zip(schema.names, schema.types, strict=True):
-        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind)):
-            found = f"a column that is not numeric ({name}: {kind})"
-            raise InputError(path, found, "float64 columns", "import it again")
 
 
 def check_read(log: Log, where: object) -> None:

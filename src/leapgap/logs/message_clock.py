@@ -1,15 +1,15 @@
 """The clock of a log that shows the latest message of each kind: one system of equations for all rows and samples."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from leapgap.logs.filtered_velocity import FilterRule, filter_of, obeyed_filters
 from leapgap.logs.log import Log
-from leapgap.logs.row_clock import RowClock
+from leapgap.logs.row_clock import FilterRule, RowClock, filter_of, obeyed_filters
 from leapgap.logs.streams import BASE, CURVATURE, NOISE_WINDOW, OUTLIER, VELOCITY, Stream, mean_row
 
 FREE = 25.0
@@ -69,9 +69,23 @@ def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
     found = solve(system, streams, period)
     step = whole_step(found.samples, system.sharpness, period)
     if step is not None:
-        found = solve(with_whole_steps(system, found.samples, step), streams, period)
+        # The equations with one more for each time between samples that is precisely so many steps
+        more = []
+        for first, own, sharp in zip(system.first, found.samples, system.sharpness, strict=False):
+            number = np.round(np.diff(own) / step)
+            near = (np.abs(np.diff(own) / step - number) < PRECISE) & (sharp < PRECISE * step) & (number >= 1)
+            after = first + 1 + np.flatnonzero(near)
+            more.append(equations(after, after - 1, right=step * number[near], spread=step / 100))
+        found = solve(replace(system, equations=np.concatenate([system.equations, *more])), streams, period)
     shown = {stream.name: found.samples[k][np.cumsum(stream.fresh) - 1] for k, stream in enumerate(streams)}
-    instants = instants_of_rows(found, streams, shown, system.sharpness, step or period)
+    # When each row was written, s, never decreasing, (rows,): at the latest sample that it shows
+    resolution = step or period
+    columns = []
+    for stream, sharp in zip(streams, system.sharpness, strict=True):
+        precise = np.concatenate([[False], sharp < PRECISE * resolution])[np.cumsum(stream.fresh) - 1]
+        columns.append(np.where(precise, shown[stream.name], -np.inf))
+    latest = np.sort(np.stack(columns, axis=1), axis=1)[:, -min(2, len(columns))]
+    instants = np.maximum.accumulate(np.where(np.isfinite(latest), latest, found.rows - LAG * resolution))
     if step is not None:
         instants = step * np.round((instants - instants[0]) / step)
     return RowClock(
@@ -89,7 +103,17 @@ def system_of(streams: Sequence[Stream], period: float) -> System:
     first = rows + np.concatenate([[0], np.cumsum([int(stream.fresh.sum()) for stream in streams])])
     parts, sharpness = [], []
     for k, stream in enumerate(streams):
-        moves, sharp = motion_equations(stream, k, int(first[k]), period)
+        # What the motion of each channel says of the times between samples, and how precisely the best one does, s
+        at = np.flatnonzero(stream.fresh)
+        after, between = int(first[k]) + np.arange(1, len(at)), np.diff(at)
+        found, sharp = [], np.full(len(between), np.inf)
+        for q, v, noise in zip(stream.position[at].T, stream.velocity[at].T, stream.noise, strict=True):
+            mean, bend = (v[1:] + v[:-1]) / 2, np.diff(v)
+            curved = CURVATURE * period * np.abs(bend) * np.hypot(1.0, between / 5)
+            spread = np.hypot(np.sqrt(2) * noise, curved)
+            found.append(equations(after, after - 1, by=mean, right=np.diff(q), spread=spread, bend=bend, stream=k))
+            sharp = np.minimum(sharp, spread / np.maximum(np.abs(mean), 1e-9))
+        moves, sharp = (found, sharp)
         at = np.flatnonzero(stream.fresh)
         after = first[k] + np.arange(1, len(at))
         shown, late = first[k] + np.cumsum(stream.fresh) - 1, np.where(stream.fresh, LAG_SPREAD, 3 * LAG_SPREAD)
@@ -101,20 +125,6 @@ def system_of(streams: Sequence[Stream], period: float) -> System:
         sharpness.append(sharp)
     origin = equations(np.zeros(1), first[-1:], spread=1 / ORIGIN)
     return System(np.concatenate([*parts, origin]), first, tuple(sharpness))
-
-
-def motion_equations(stream: Stream, index: int, first: int, period: float) -> tuple[list[np.ndarray], np.ndarray]:
-    """What the motion of each channel says of the times between samples, and how precisely the best one does, s."""
-    at = np.flatnonzero(stream.fresh)
-    after, between = first + np.arange(1, len(at)), np.diff(at)
-    found, sharp = [], np.full(len(between), np.inf)
-    for q, v, noise in zip(stream.position[at].T, stream.velocity[at].T, stream.noise, strict=True):
-        mean, bend = (v[1:] + v[:-1]) / 2, np.diff(v)
-        curved = CURVATURE * period * np.abs(bend) * np.hypot(1.0, between / 5)
-        spread = np.hypot(np.sqrt(2) * noise, curved)
-        found.append(equations(after, after - 1, by=mean, right=np.diff(q), spread=spread, bend=bend, stream=index))
-        sharp = np.minimum(sharp, spread / np.maximum(np.abs(mean), 1e-9))
-    return found, sharp
 
 
 @dataclass(frozen=True)
@@ -140,21 +150,16 @@ def solve(system: System, streams: Sequence[Stream], period: float) -> Solution:
     for _ in range(ROUNDS):
         moved = known["right"] - delay[of] * bend
         weighted = sp.diags(weight) @ matrix
-        found = solve_in_order(weighted.T @ weighted, weighted.T @ (weight * moved), order)
+        # Solve a symmetric positive definite system whose unknowns, in this order, depend on near ones alone
+        square_matrix, right = weighted.T @ weighted, weighted.T @ (weight * moved)
+        how: dict[str, Any] = {"permc_spec": "NATURAL", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+        found = np.empty(len(right))
+        found[order] = splu(square_matrix[order][:, order].tocsc(), **how).solve(right[order])
         missed = matrix @ found - moved
         weight = before / np.sqrt(1 + (missed * before / OUTLIER) ** 2)
         pull, square = (np.bincount(of, weight**2 * bend * by, len(streams)) for by in (missed, bend))
         delay = delay - pull / np.where(square > 0, square, 1.0)
     return Solution(found[:rows], tuple(np.split(found, system.first[:-1])[1:]))
-
-
-def solve_in_order(matrix: sp.csr_matrix, right: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Solve a symmetric positive definite system whose unknowns, in this order, depend on near ones alone."""
-    options = {"SymmetricMode": True}
-    factors = splu(matrix[order][:, order].tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options=options)
-    found = np.empty(len(right))
-    found[order] = factors.solve(right[order])
-    return found
 
 
 STEPS_S = (0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.0005, 0.00025)
@@ -195,33 +200,3 @@ def whole_step(samples: Sequence[np.ndarray], sharpness: Sequence[np.ndarray], p
         if len(steps) >= NOISE_WINDOW and whole.mean() > LEAST_WHOLE:
             return step
     return None
-
-
-def with_whole_steps(system: System, samples: Sequence[np.ndarray], step: float) -> System:
-    """The equations with one more for each time between samples that is precisely so many steps."""
-    more = []
-    for first, own, sharp in zip(system.first, samples, system.sharpness, strict=False):
-        number = np.round(np.diff(own) / step)
-        near = (np.abs(np.diff(own) / step - number) < PRECISE) & (sharp < PRECISE * step) & (number >= 1)
-        after = first + 1 + np.flatnonzero(near)
-        more.append(equations(after, after - 1, right=step * number[near], spread=step / 100))
-    return replace(system, equations=np.concatenate([system.equations, *more]))
-
-
-def instants_of_rows(
-    found: Solution,
-    streams: Sequence[Stream],
-    shown: Mapping[str, np.ndarray],
-    sharpness: Sequence[np.ndarray],
-    step: float,
-) -> np.ndarray:
-    """When each row was written, s, never decreasing, (rows,): at the latest sample that it shows.
-
-    The second latest of the precise ones is taken, since a single one may err; where fewer are precise, the solution.
-    """
-    columns = []
-    for stream, sharp in zip(streams, sharpness, strict=True):
-        precise = np.concatenate([[False], sharp < PRECISE * step])[np.cumsum(stream.fresh) - 1]
-        columns.append(np.where(precise, shown[stream.name], -np.inf))
-    latest = np.sort(np.stack(columns, axis=1), axis=1)[:, -min(2, len(columns))]
-    return np.maximum.accumulate(np.where(np.isfinite(latest), latest, found.rows - LAG * step))

@@ -135,12 +135,10 @@ def check_joints(log: Log, robot: Robot) -> None:
         low, high = robot.model.jnt_range[at]
         position, wide = log[f"joint_pos/{joint}"], high - low
         if np.mean((position < low - wide) | (position > high + wide)) > OUTSIDE:
-            raise InputError(
-                f"{log.name}, column joint_pos/{joint}",
-                f"{np.median(position):.3g} in the middle of its rows",
-                f"{low:.3g} to {high:.3g}, as {robot.name} has it",
-                "correct its unit (degrees?), its zero, or the order of the joints",
-            )
+            found = f"{np.median(position):.3g} in the middle of its rows"
+            expected = f"{low:.3g} to {high:.3g}, as {robot.name} has it"
+            do = "correct its unit (degrees?), its zero, or the order of the joints"
+            raise InputError(f"{log.name}, column joint_pos/{joint}", found, expected, do)
 
 
 def of_one_robot(readings: Readings, robot: Robot, folder: Path) -> Readings:

@@ -103,9 +103,6 @@ def check_values(columns: Mapping[str, np.ndarray], where: object) -> None:
         if low <= values.min() and values.max() <= high:
             continue
         bad = np.flatnonzero((values < low) | (values > high))
-        raise InputError(
-            f"{where}, column {name}",
-            f"{values[bad[0]]:g} in row {bad[0]} ({len(bad)} such values)",
-            f"{low:g} to {high:g} {unit}".rstrip(),
-            "correct its unit or factor, or leave the log out",
-        )
+        found = f"{values[bad[0]]:g} in row {bad[0]} ({len(bad)} such values)"
+        do = "correct its unit or factor, or leave the log out"
+        raise InputError(f"{where}, column {name}", found, f"{low:g} to {high:g} {unit}".rstrip(), do)

@@ -86,7 +86,7 @@ def logged_motion(log: Log, robot: Robot) -> Motion:
     motion = Motion(np.tile(robot.model.qpos0, (len(log), 1)), np.zeros((len(log), robot.model.nv)))
     if robot.has_free_base:
         motion.base_position[:] = log.stack(BASE_POSITION) if BASE_POSITION[0] in log else 0.0
-        motion.base_quaternion[:] = quaternions(log)
+        motion.base_quaternion[:] = log.stack(BASE_QUATERNION)
         for part, columns in (
             (motion.base_velocity, BASE_VELOCITY),
             (motion.base_angular_velocity, BASE_ANGULAR_VELOCITY),
@@ -204,11 +204,6 @@ def columns_of(motion: Motion, robot: Robot) -> dict[str, np.ndarray]:
         columns[f"joint_pos/{joint}"] = np.ascontiguousarray(motion.qpos[:, position])
         columns[f"joint_vel/{joint}"] = np.ascontiguousarray(motion.qvel[:, velocity])
     return columns
-
-
-def quaternions(log: Log) -> np.ndarray:
-    """Base to world, w x y z, (rows, 4)."""
-    return log.stack(BASE_QUATERNION)
 
 
 def positions(log: Log) -> np.ndarray:

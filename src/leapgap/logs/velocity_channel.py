@@ -88,7 +88,15 @@ def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[s
             for table in (position, velocity)
         )
     resolved = np.maximum(ticks[1] / np.sqrt(12), noise_of(np.diff(position, axis=0), period))
-    span = span_of(position, resolved, period)
+    # Rows over which displacements (rows, channels) are taken, so that they are well above what is resolved
+    span = max(1, round(SHORTEST_SPAN_S / period))
+    longest = max(span, min(round(LONGEST_SPAN_S / period), len(position) // PARTS))
+    while span < longest:
+        size = np.sqrt(np.mean((position[span:] - position[:-span]) ** 2, axis=0))
+        if np.median(size / np.maximum(resolved, np.finfo(float).tiny)) > SEEN:
+            break
+        span = min(2 * span, longest)
+    span = max(1, min(span, len(position) // 4))
     fit, finer = (velocity_fit(even, position, window) for window in (window_s, window_s / 2))
     bent = np.sqrt(np.mean((fit.velocity - finer.velocity) ** 2, axis=0))
     derived = np.maximum(float(np.median(fit.noise_gain)) * resolved, bent)
@@ -128,18 +136,6 @@ def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[s
             float(derived[k]),
         )
     return found
-
-
-def span_of(position: np.ndarray, resolved: np.ndarray, period_s: float) -> int:
-    """Rows over which displacements (rows, channels) are taken, so that they are well above what is resolved."""
-    span = max(1, round(SHORTEST_SPAN_S / period_s))
-    longest = max(span, min(round(LONGEST_SPAN_S / period_s), len(position) // PARTS))
-    while span < longest:
-        size = np.sqrt(np.mean((position[span:] - position[:-span]) ** 2, axis=0))
-        if np.median(size / np.maximum(resolved, np.finfo(float).tiny)) > SEEN:
-            break
-        span = min(2 * span, longest)
-    return max(1, min(span, len(position) // 4))
 
 
 @dataclass(frozen=True)

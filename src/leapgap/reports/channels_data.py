@@ -1,4 +1,4 @@
-"""Every channel for the page: measured, nominal and corrected, of every log, small enough for one file."""
+"""Every channel for the page: its name, and measured, nominal and corrected values of every log, in one small file."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,8 +9,67 @@ from leapgap.diagnosis.channels import JUMP, is_logged, logged_values
 from leapgap.diagnosis.report import ReportContent
 from leapgap.logs.log import Log
 from leapgap.logs.noise import noise_of
-from leapgap.reports.channel_names import channel_title
+from leapgap.logs.schema import QUANTITIES, quantity_of
 from leapgap.robot.model import Robot
+
+LABELS = {
+    "base_pos_x": "forward x",
+    "base_pos_y": "sideways y",
+    "base_pos_z": "height z",
+    "base_roll": "roll",
+    "base_pitch": "pitch (nose down)",
+    "base_yaw": "yaw",
+    "base_linvel_x": "forward velocity",
+    "base_linvel_y": "sideways velocity",
+    "base_linvel_z": "vertical velocity",
+    "base_angvel_x": "roll rate",
+    "base_angvel_y": "pitch rate",
+    "base_angvel_z": "yaw rate",
+    "imu_acc_x": "acceleration x of the IMU",
+    "imu_acc_y": "acceleration y of the IMU",
+    "imu_acc_z": "acceleration z of the IMU",
+}
+JOINT_WORDS = {"joint_pos": "position", "joint_vel": "velocity", "foot_force": "force"}
+
+
+def row_of(channel: str, robot: Robot) -> str:
+    """Label of a channel's row in the map, such as ``forward x`` or ``rear calf velocity``.
+
+    A joint channel is named by the pair of its leg, its joint group and its quantity. Where the legs are not two pairs,
+    the name of the limb stands in place of the pair.
+    """
+    if channel in LABELS:
+        return LABELS[channel]
+    quantity, _, joint = channel.partition("/")
+    what = JOINT_WORDS[quantity]
+    if quantity == "foot_force":
+        return f"{joint} foot {what}"
+    group = next((name for name, alike in robot.topology.groups.items() if joint in alike), None)
+    if group is None:
+        return f"{joint} {what}"
+    limb = robot.limb_of(joint)
+    pair = next((name for name, limbs in robot.limbs_of_pair.items() if limb in limbs), limb)
+    return f"{pair} {group} {what}"
+
+
+def channel_title(channel: str) -> str:
+    """Label and unit of a channel, such as ``height z, m`` or ``elbow velocity, rad/s``."""
+    return f"{channel_words(channel)}, {unit_of(channel)}"
+
+
+def unit_of(channel: str) -> str:
+    """Unit of a channel; roll, pitch and yaw are no quantities of a log."""
+    known = QUANTITIES.get(channel.partition("/")[0]) or quantity_of(channel)
+    return known.unit if known else "rad"
+
+
+def channel_words(channel: str) -> str:
+    """Label of a channel, such as ``height z`` or ``elbow velocity``."""
+    if channel in LABELS:
+        return LABELS[channel]
+    quantity, _, joint = channel.partition("/")
+    return f"{joint} {JOINT_WORDS[quantity]}"
+
 
 MOST_VALUES = 120_000
 """Largest number of values on a page; curves get fewer points where there are more."""
@@ -26,22 +85,6 @@ BASE = (
 JOINT = ("joint_pos", "joint_vel")
 
 
-def channel_groups(logs: Sequence[Log], robot: Robot) -> dict[str, list[str]]:
-    """Channels that every log has: those of the base, then those of each limb."""
-    groups = {"base": list(BASE)}
-    for joint in robot.joints:
-        groups.setdefault(robot.limb_of(joint), []).extend(f"{quantity}/{joint}" for quantity in JOINT)
-    there = {name: [one for one in of if all(is_logged(log, one) for log in logs)] for name, of in groups.items()}
-    return {name: of for name, of in there.items() if of}
-
-
-def largest_first(report: ReportContent, groups: Mapping[str, Sequence[str]]) -> list[str]:
-    """The channels to show first: those of the headline of jumps, else those with the largest shares of the gap."""
-    known = {channel for of in groups.values() for channel in of}
-    wanted = JUMP if report.headline.preset == "jump" else dict.fromkeys(place.channel for place in report.where)
-    return [channel for channel in wanted if channel in known][:MOST_FIRST]
-
-
 def channels_data(
     report: ReportContent,
     logs: Sequence[Log],
@@ -50,9 +93,17 @@ def channels_data(
     corrected: Mapping[str, Log] | None,
 ) -> dict[str, Any]:
     """All that the page draws: titles and groups of channels, and their curves and noise by log."""
-    groups = channel_groups(logs, robot)
+    # Channels that every log has: those of the base, then those of each limb
+    groups = {"base": list(BASE)}
+    for joint in robot.joints:
+        groups.setdefault(robot.limb_of(joint), []).extend(f"{quantity}/{joint}" for quantity in JOINT)
+    there = {name: [one for one in of if all(is_logged(log, one) for log in logs)] for name, of in groups.items()}
+    groups = {name: of for name, of in there.items() if of}
     channels = [name for of in groups.values() for name in of]
-    first = largest_first(report, groups)
+    # The channels to show first: those of the headline of jumps, else those with the largest shares of the gap
+    known = {channel for of in groups.values() for channel in of}
+    wanted = JUMP if report.headline.preset == "jump" else dict.fromkeys(place.channel for place in report.where)
+    first = [channel for channel in wanted if channel in known][:MOST_FIRST]
     sources = 3 if corrected else 2
     seconds = sum(len(log) * log.info.sample_period_s for log in logs)
     interval = max(LEAST_INTERVAL_S, seconds * sources * max(1, len(channels)) / MOST_VALUES)

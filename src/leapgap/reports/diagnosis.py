@@ -159,7 +159,7 @@ class Report:
 
     def _repr_html_(self) -> str:
         """What a notebook shows of the report."""
-        from leapgap.reports.notebook import summary_html
+        from leapgap.reports.written import summary_html
 
         return summary_html(self.content, self.causes[:CAUSES_PRINTED], len(self.logs))
 
@@ -239,7 +239,7 @@ def gains_of(log: Log) -> dict[str, tuple[float, float]]:
 
 def largest_errors(where: Sequence[Place]) -> list[str]:
     """``errors lie in: elbow velocity, part_1 20 %; …``: the largest places, one line; none where there are none."""
-    from leapgap.reports.channel_names import channel_words
+    from leapgap.reports.channels_data import channel_words
 
     parts = [f"{channel_words(one.channel)}, {one.phase} {100 * one.share:.0f} %" for one in where[:PLACES_PRINTED]]
     return [f"largest errors: {'; '.join(parts)}"] if parts else []

@@ -16,6 +16,11 @@ import jinja2
 import plotly.graph_objects as go
 import plotly.offline
 
+REAL, NOMINAL, CORRECTED = "#111827", "#e2542f", "#2563c9"
+"""Of what was measured, of the nominal simulation and of the corrected one."""
+GREY = "#8a93a3"
+
+
 HEAD = "page_head.html"
 """Style and scripts that all pages share: colours on light and dark, phones, print, drawing of figures."""
 PACKED_FROM = 2000

@@ -5,10 +5,22 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
+from leapgap.logs.log import write_log
 from leapgap.reports.diagnosis import RECORDING, PageSettings, Report
-from leapgap.reports.diagnosis_recording import record_report, write_replays
 from leapgap.reports.kept import KEPT, copy_data, kept, write_note
+from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, JUDGED, record_jump
+from leapgap.runtime.atomic_io import write_json
 from leapgap.runtime.output_folder import whole_folder
+
+
+def record_report(report: Report, path: Path) -> None:
+    """Record the median log beside its replays, in one scene."""
+    content = report.content
+    shown = next(log for log in report.logs if log.name == content.median_log)
+    replays = {"nominal": report.nominal, "corrected": report.corrected}
+    beside = {name: replays[kind][shown.name] for kind, name in GHOSTS.items()}
+    record_jump(path, shown, report.robot, beside, title=f"diagnosis of {shown.name}", says=content.sentence)
+
 
 REPLAYS = "replays"
 """Folder of the replays inside that of the report, where they have none of their own."""
@@ -44,4 +56,10 @@ def write_pages(
         replace(report, record=record_report).write_page(folder, page.viewer)
         if page.recordings:
             record_report(report, folder / RECORDING)
-        write_replays(report, beside)
+        # Write the replays of all logs as logs, the logs as they were judged, and which log is the median one
+        write_json(beside / DIAGNOSED, {"log": report.content.median_log, "sentence": report.sentence})
+        for kind, simulated in (("nominal", report.nominal), ("corrected", report.corrected)):
+            for name, replay in simulated.items():
+                write_log(replay, beside / kind / f"{name}.parquet")
+        for log in report.logs:
+            write_log(log, beside / JUDGED / f"{log.name}.parquet")

@@ -7,13 +7,12 @@ from types import MappingProxyType
 import numpy as np
 import rerun as rr
 
-from leapgap.effects.torque_speed_limit import TorqueSpeedLimit
+from leapgap.effects.motors import TorqueSpeedLimit
 from leapgap.logs import state
 from leapgap.logs.log import Log
+from leapgap.logs.metadata import FLIGHT, LIFT_OFF_WINDOW_S, Segment
 from leapgap.logs.schema import PAIR_FORCE_AXES
-from leapgap.logs.segments import FLIGHT, LIFT_OFF_WINDOW_S, Segment
-from leapgap.reports.recorder import Recorder, rows_at_period
-from leapgap.reports.shown_robot import Colour, ShownRobot
+from leapgap.reports.shown_robot import Colour, Recorder, ShownRobot, rows_at_period
 from leapgap.robot.model import Robot
 from leapgap.robot.terrain import ground_geoms
 from leapgap.robot.topology import PAIRS
@@ -92,13 +91,8 @@ def log_plot(to: Recorder, entity: str, time_s: np.ndarray, curves: Sequence[Cur
     names, colours = [curve.name for curve in curves], [curve.colour for curve in curves]
     to.static(entity, rr.SeriesLines(names=names, colors=colours, widths=[width] * len(curves)))
     values = np.stack([curve.values for curve in curves], axis=-1)
-    columns = rr.Scalars.columns(scalars=single_precision(values).ravel())
+    columns = rr.Scalars.columns(scalars=values.astype(np.float32).astype(np.float64).ravel())
     to.over_time(entity, time_s, columns.partition([len(curves)] * len(time_s)))
-
-
-def single_precision(values: np.ndarray) -> np.ndarray:
-    """Values rounded to single precision in double precision: Rerun stores doubles, and trailing zero bits compress."""
-    return values.astype(np.float32).astype(np.float64)
 
 
 def on_clock(time_s: np.ndarray, jump: Log, values: np.ndarray) -> np.ndarray:
@@ -137,7 +131,9 @@ def log_joints(to: Recorder, actors: Sequence[ShownRobot]) -> None:
             log_plot(to, f"{entity}/{quantity}", time, curves)
         log_joint_residual(to, entity, joint, actors, time)
         curves = []
-        torque = commanded_torque(main.jump, joint)
+        # Feed-forward and joint PD of the log, N·m, (rows,); None where the joint was not measured
+        known = all(f"{name}/{joint}" in main.jump for name in ("cmd_tau", "joint_pos", "joint_vel"))
+        torque = state.commanded_torque(main.jump, (joint,))[:, 0] if known else None
         if torque is not None:
             curves.append(Curve("commanded", main.colour, torque[rows]))
         if f"tau/{joint}" in main.jump:
@@ -183,13 +179,6 @@ def torque_bounds(jump: Log, joint: str, robot: Robot) -> tuple[np.ndarray, np.n
     low = np.maximum(low, (-voltage - back) / motors.resistance)
     high = np.minimum(high, (voltage - back) / motors.resistance)
     return low, high
-
-
-def commanded_torque(jump: Log, joint: str) -> np.ndarray | None:
-    """Feed-forward and joint PD of the log, N·m, (rows,); None where the joint was not measured."""
-    if not all(f"{name}/{joint}" in jump for name in ("cmd_tau", "joint_pos", "joint_vel")):
-        return None
-    return state.commanded_torque(jump, (joint,))[:, 0]
 
 
 def log_ground_forces(to: Recorder, actor: ShownRobot) -> None:

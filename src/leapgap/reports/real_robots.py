@@ -2,7 +2,7 @@
 
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,6 @@ from typing import Any
 from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.logs.importers.base import LogFormat
-from leapgap.logs.log import Log
 from leapgap.reports.diagnosis import CORRECTED, REPORT, diagnose_logs
 from leapgap.runtime.atomic_io import read_json, write_json
 from leapgap.runtime.cache import ResultCache, result_key
@@ -73,19 +72,19 @@ def judge(
             with cache.store(name, key) as folder:
                 report.save(folder / name)
                 if case.half_edge_m is not None:
-                    outcome["loss"] = losses(robot.path, folder / name / CORRECTED / MODEL, logs, case.half_edge_m)
+                    # ``toss_loss`` of the nominal model, and of the corrected one where there is one
+                    files = {"nominal": robot.path, "corrected": folder / name / CORRECTED / MODEL}
+                    outcome["loss"] = {
+                        of_loss: toss_loss(file, logs, case.half_edge_m)
+                        for of_loss, file in files.items()
+                        if file.is_file()
+                    }
                 write_json(folder / f"{name}{ROW}", outcome)
     row = read_json(cache.folder / f"{name}{ROW}")
     verdict = "right" if row["right"] else "FALSE NAME" if row["false_name"] else "missed"
     sentence = read_json(cache.folder / name / REPORT)["sentence"]
     print(f"{name}: {'not judged' if case.expected is None else verdict}. {sentence}", flush=True)
     return row
-
-
-def losses(nominal: Path, corrected: Path, logs: Sequence[Log], half_edge_m: float) -> dict[str, float]:
-    """``toss_loss`` of the nominal model, and of the corrected one where there is one."""
-    models = {"nominal": nominal, "corrected": corrected}
-    return {name: toss_loss(path, logs, half_edge_m) for name, path in models.items() if path.is_file()}
 
 
 def corrected_by(case: RealCase, folder: Path, name: str) -> Path | None:

@@ -19,15 +19,12 @@ from leapgap.diagnosis.localisation import Place, phase_names
 from leapgap.diagnosis.next_experiment import in_noises
 from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.diagnosis.summary import brief
+from leapgap.effects import effect_words, parameter_words, sentence_words
 from leapgap.effects.base import Effect
-from leapgap.effects.words import effect_words, parameter_words, sentence_words
 from leapgap.logs.log import Log
-from leapgap.reports.channel_names import channel_title, channel_words, unit_of
-from leapgap.reports.channels_data import channels_data
-from leapgap.reports.diagnosis_figures import closures, gap_map, gap_per_log, horizons, profiles, similarities
+from leapgap.reports import diagnosis_figures as show
+from leapgap.reports.channels_data import channel_title, channel_words, channels_data, unit_of
 from leapgap.reports.page import embed_json, render_page
-from leapgap.reports.residual_force import residual_figure, residual_force, state_figure
-from leapgap.reports.similarity import similarity
 from leapgap.robot.loop import Loop
 from leapgap.robot.model import Robot
 
@@ -60,27 +57,31 @@ def html(
     a PNG of the robot; ``loop``: one of its motion; ``correction``: the effects that ``corrected`` was made with.
     """
     figures = {
-        "map": gap_map(report, robot, phase_names(logs)),
-        "closure": closures(report),
-        "logs": gap_per_log(report),
+        "map": show.gap_map(report, robot, phase_names(logs)),
+        "closure": show.closures(report),
+        "logs": show.gap_per_log(report),
     }
     if len(report.horizons) > 1:
-        figures["horizons"] = horizons(report)
+        figures["horizons"] = show.horizons(report)
     if report.profiles:
-        figures["profiles"] = profiles(report)
+        figures["profiles"] = show.profiles(report)
     config = report.provenance.config
     lengths = {name: config[name] for name in ("horizon_s", "every_s") if name in config}
-    alike = similarity(report.causes, logs, robot, **lengths)
+    alike = show.similarity(report.causes, logs, robot, **lengths)
     if alike is not None:
-        figures["similarity"] = similarities(alike)
+        figures["similarity"] = show.similarities(alike)
     if report.residual_force:
         log = next(one for one in logs if one.name == report.median_log)
-        course = residual_force(log, robot, [(), correction] if report.answer else [()])
+        course = show.residual_force(log, robot, [(), correction] if report.answer else [()])
         units = {one.at: one.unit for one in report.residual_force}
         if course is not None:
             of_joints = robot.joints, [units.get(one, "N·m") for one in robot.joints]
-            figures |= {"force": residual_figure(course, *of_joints), "by_state": state_figure(course, *of_joints)}
+            figures |= {
+                "force": show.residual_figure(course, *of_joints),
+                "by_state": show.state_figure(course, *of_joints),
+            }
     channels = channels_data(report, logs, robot, nominal, corrected if report.answer else None)
+    kind = "jump" if report.headline.preset == "jump" else "base" if robot.has_free_base else "fixed"
     return render_page(
         Path(__file__).with_name("report.html"),
         figures,
@@ -93,7 +94,7 @@ def html(
         effect_words=effect_words,
         parameter_words=parameter_words,
         title=channel_title,
-        kind=kind_of(report, robot),
+        kind=kind,
         brief=brief,
         number=number,
         split_numbers=split_numbers,
@@ -154,13 +155,6 @@ def split_numbers(numbers: Sequence[BestNumber]) -> tuple[list[BestNumber], list
     return shown, hidden
 
 
-def kind_of(report: ReportContent, robot: Robot) -> str:
-    """``jump`` for logs of jumps, ``base`` for others of a robot with a free base, ``fixed`` for one without."""
-    if report.headline.preset == "jump":
-        return "jump"
-    return "base" if robot.has_free_base else "fixed"
-
-
 POSITIONS = ("joint_pos", "base_pos", *BASE_TURNS)
 ANGLES = {"rad": "°", "rad/s": "°/s"}
 
@@ -180,7 +174,10 @@ def tiles(
 ) -> list[Tile]:
     """The figures, the most telling first."""
     answered, found = bool(report.answer), []
-    channel = worst_channel(report, logs)
+    # The channel with the largest share of the gap that all logs have, a position where there is one
+    channels = [place.channel for place in report.where if all(is_logged(log, place.channel) for log in logs)]
+    positions = [one for one in channels if one.startswith(POSITIONS)]
+    channel = next(iter([*positions, *channels]), None)
     if channel is not None:
         unit = unit_of(channel)
         factor = math.degrees(1) if unit in ANGLES else 1.0
@@ -202,13 +199,6 @@ def tiles(
     seconds = sum(float(log.time[-1]) for log in logs)
     found.append(Tile(str(len(logs)), "", "logs", f"{seconds:.3g} s of motion"))
     return found
-
-
-def worst_channel(report: ReportContent, logs: Sequence[Log]) -> str | None:
-    """The channel with the largest share of the gap that all logs have, a position where there is one."""
-    channels = [place.channel for place in report.where if all(is_logged(log, place.channel) for log in logs)]
-    positions = [one for one in channels if one.startswith(POSITIONS)]
-    return next(iter([*positions, *channels]), None)
 
 
 def rms(logs: Sequence[Log], replays: Mapping[str, Log], channel: str) -> float:

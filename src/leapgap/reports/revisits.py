@@ -19,17 +19,98 @@ from leapgap.runtime.content_hash import file_digests
 from leapgap.runtime.executor import Executor
 from leapgap.runtime.output_folder import claim_folder
 from leapgap.validation.case import CaseSetup, further_jumps, proposed_logs
-from leapgap.validation.outcome import outcome
-from leapgap.validation.revisits import (
-    Seen,
-    ablation_cases,
-    ablation_result,
-    experiment_cases,
-    extension_result,
-    is_feasible,
-)
+from leapgap.validation.outcome import CLAIMS, CaseOutcome, outcome
 from leapgap.validation.scoring import is_missed
 from leapgap.validation.seal import open_truth
+
+UNMADE = ("sensor", "jumps")
+"""Kinds of experiments that cannot be made: the generator has no sensors beside the state, and plans no jumps."""
+RUNNABLE = ("target", "targets", "jumps", "block_height_m")
+"""Settings of ``collect`` that the generator can follow for the robot of a case."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A case with its truth, its report and the outcome of its first verdict."""
+
+    name: str
+    truth: Mapping[str, Any]
+    report: Mapping[str, Any]
+    first: CaseOutcome
+
+
+def ablation_result(case: Seen, folder: Path) -> dict[str, Any]:
+    """Result of a diagnosis without the true effect.
+
+    It is honest where the verdict is ``unknown`` or ``partly``, or the answer holds only causes that the first report
+    called confusable with the true effect, and the localisation is right.
+    """
+    report = read_json(folder / case.name / "report.json")
+    again = outcome(case.name, case.truth, report, None, case.first.sides)
+    effect = case.first.true[0]
+    confusable = {
+        other
+        for cause in case.report["causes"]
+        for other in (cause["effect"], *cause["confusable_with"])
+        if effect in (cause["effect"], *cause["confusable_with"])
+    }
+    accepted = again.verdict in ("unknown", "partly", "none") or again.answered <= confusable
+    return {
+        "effect": effect,
+        "half": case.first.half,
+        "verdict": again.verdict,
+        "answer": [list(names) for names in again.answer],
+        "where_right": again.where_right,
+        "honest": accepted and again.verdict != "none" and again.where_right,
+        "honest_mirrored": accepted and again.verdict != "none" and again.where_mirrored,
+    }
+
+
+def experiment_cases(cases: list[Seen], number: int | None) -> list[Seen]:
+    """Cases of detectable effects of the table with an ambiguous verdict that proposes further jumps."""
+    asking = (
+        case
+        for case in cases
+        if case.first.kind in ("single", "pair", "triple")
+        and case.first.verdict == "ambiguous"
+        and case.first.detectable
+        and is_runnable(case.report.get("next_experiment") or {})
+    )
+    return list(asking)[:number]
+
+
+def is_runnable(proposal: Mapping[str, Any]) -> bool:
+    """Whether the generator can make a proposal: by settings of ``collect``, or without new sensors."""
+    return bool(proposal.get("collect")) or proposal.get("settings", {}).get("kind", UNMADE[0]) not in UNMADE
+
+
+def is_feasible(case: Seen, overrides: list[str]) -> bool:
+    """Whether the generator can make the proposed jumps with the robot of the case."""
+    keys = [line.split("=", 1)[0].removeprefix("collect.") for line in overrides]
+    if set(keys) <= set(RUNNABLE):
+        return True
+    print(f"{case.name}: cannot make {', '.join(overrides)}", flush=True)
+    return False
+
+
+def extension_result(case: Seen, overrides: list[str], folder: Path) -> dict[str, Any]:
+    """Result of a diagnosis of the first and the further jumps together.
+
+    ``resolved``: exactly the true effects are named. ``found``: the answer contains all of them.
+    """
+    again = outcome(case.name, case.truth, read_json(folder / case.name / "report.json"), None)
+    return {
+        "half": case.first.half,
+        "truth": list(again.true),
+        "collect": list(overrides),
+        "settings": (case.report.get("next_experiment") or {}).get("settings"),
+        "before": {"verdict": case.first.verdict, "answer": [list(names) for names in case.first.answer]},
+        "verdict": again.verdict,
+        "answer": [list(names) for names in again.answer],
+        "resolved": again.verdict == "named" and again.answered == set(again.true),
+        "found": again.verdict in CLAIMS and set(again.true) <= again.answered,
+    }
+
 
 Planner = Callable[[Sequence[str], str], tuple[list[Log], tuple[float, float]]]
 """References, and the range of heights of the first block, m, by settings of ``collect`` and the name of a case."""
@@ -68,12 +149,27 @@ class Revisit:
     def run(self, by: str) -> None:
         """Choose the cases, diagnose them again, and write the results; ``by``: the command that writes."""
         settings, out = self.settings, self.cache.folder
-        cases = read_cases(settings, self.robot.topology.sides)
+        # Read the cases with a verdict and check their seals; those of the reported half come first
+        cases: list[Seen] = []
+        if not Path(settings.verdicts).is_dir():
+            raise InputError(settings.verdicts, "no such folder", "verdicts", "run stages.diagnose_withheld first")
+        for path in sorted(Path(settings.verdicts).glob(f"*/{REPORT}")):
+            name = path.parent.name
+            truth, report = open_truth(Path(settings.truth), Path(settings.logs), name), read_json(path)
+            if truth["kind"] != "published" and "robot" not in truth:
+                cases.append(Seen(name, truth, report, outcome(name, truth, report, None, self.robot.topology.sides)))
+        cases = sorted(cases, key=lambda case: case.first.half)
         claim_folder(out, by)
         struck, experiments, missed = (
             None if number < 0 else number for number in (settings.struck, settings.experiments, settings.missed)
         )
-        ablated = ablation_cases(cases, struck)
+        # Cases of detectable single effects that were named first: one per effect, at most ``number`` (None: all)
+        named_first: dict[str, Seen] = {}
+        for case in cases:
+            first = case.first
+            if first.kind == "single" and first.detectable and first.first == first.true[0]:
+                named_first.setdefault(first.true[0], case)
+        ablated = list(named_first.values())[:struck]
         jobs = [
             self.job("struck", case, Path(settings.logs) / case.name, without=[case.first.true[0]]) for case in ablated
         ]
@@ -116,19 +212,3 @@ class Revisit:
                 shutil.copytree(logs, folder / case.name)
                 write_logs(make(), folder / case.name)
         return self.cache.folder / place
-
-
-def read_cases(settings: RevisitSettings, sides: Mapping[str, str]) -> list[Seen]:
-    """Read the cases with a verdict and check their seals; those of the reported half come first.
-
-    Further jumps are planned for the pipeline's own robot, so that cases of other robots are left out.
-    """
-    cases: list[Seen] = []
-    if not Path(settings.verdicts).is_dir():
-        raise InputError(settings.verdicts, "no such folder", "verdicts", "run stages.diagnose_withheld first")
-    for path in sorted(Path(settings.verdicts).glob(f"*/{REPORT}")):
-        name = path.parent.name
-        truth, report = open_truth(Path(settings.truth), Path(settings.logs), name), read_json(path)
-        if truth["kind"] != "published" and "robot" not in truth:
-            cases.append(Seen(name, truth, report, outcome(name, truth, report, None, sides)))
-    return sorted(cases, key=lambda case: case.first.half)  # "reported" before "tuning"

@@ -5,15 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
-from leapgap.logs.log import Log
+from leapgap.logs.metadata import segment_of_rows
 from leapgap.logs.pair_force import WORLD_X_Z, by_pair
-from leapgap.logs.segments import segment_of_rows
 from leapgap.reports.plots import ground_friction, planned_to_push, split_at_take_off
-from leapgap.reports.recorder import Recorder
-from leapgap.reports.shown_robot import Colour, ShownRobot
+from leapgap.reports.shown_robot import Colour, Recorder, ShownRobot
+from leapgap.robot.kinematics import geom_rgba, visual_geoms
 from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PAIRS
-from leapgap.robot.visuals import Shape, shapes
 
 WORLD = "world"
 METRES_PER_NEWTON = 0.001
@@ -39,8 +37,45 @@ def log_scene(to: Recorder, actors: Sequence[ShownRobot]) -> None:
     to.static(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     log_ground(to, actors)
     for actor in actors:
-        log_robot(to, actor)
-        log_paths(to, actor)
+        # Log the shapes of every body once, and its poses in the world as one set of columns
+        poses, model = actor.poses, actor.robot.model
+        for at, body in enumerate(actor.robot.bodies):
+            entity = f"{WORLD}/{actor.key}/{poses.bodies[at]}"
+            to.over_time(
+                entity,
+                actor.time,
+                rr.Transform3D.columns(
+                    translation=poses.positions[:, at].astype(np.float32),
+                    quaternion=xyzw(poses.quaternions[:, at]).astype(np.float32),
+                ),
+            )
+            # A body's shapes in its own axes: one batch for each kind on the body's entity, meshes below it
+            geoms = visual_geoms(model, body)
+            for i, geom in enumerate(geoms.pop("mesh", ())):  # Rerun places each by a transform
+                mesh = model.geom_dataid[geom]
+                first, first_face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+                turn = rr.Quaternion(xyzw=xyzw(model.geom_quat[geom]))
+                place = rr.Transform3D(translation=model.geom_pos[geom], quaternion=turn)
+                shape = rr.Mesh3D(
+                    vertex_positions=model.mesh_vert[first : first + model.mesh_vertnum[mesh]],
+                    triangle_indices=model.mesh_face[first_face : first_face + model.mesh_facenum[mesh]],
+                    albedo_factor=shape_colour(geom, actor),
+                )
+                to.static(f"{entity}/mesh_{i}", place, shape)
+            if geoms:
+                to.static(entity, *(batch(kind, some, actor) for kind, some in geoms.items()))
+        # Log the path of the base over the whole jump, and that of every foot as a thinner line
+        faded = (*actor.colour, 110)
+        to.static(
+            f"{WORLD}/{actor.key}/way_of_base",
+            rr.LineStrips3D([actor.poses.base.astype(np.float32)], radii=0.004, colors=actor.colour),
+        )
+        feet = actor.poses.feet.astype(np.float32)
+        if feet.shape[1]:
+            to.static(
+                f"{WORLD}/{actor.key}/ways_of_feet",
+                rr.LineStrips3D([feet[:, foot] for foot in range(feet.shape[1])], radii=0.0015, colors=faded),
+            )
     log_forces(to, main)
     log_contacts(to, main)
 
@@ -124,28 +159,6 @@ def log_terrain(to: Recorder, boxes: Sequence[Box]) -> None:
     )
 
 
-def log_robot(to: Recorder, actor: ShownRobot) -> None:
-    """Log the shapes of every body once, and its poses in the world as one set of columns.
-
-    After its last row a ghost that ends before the others shrinks to nothing instead of hanging in the air.
-    """
-    poses = actor.poses
-    by_body: dict[str, list[Shape]] = {}
-    for shape in shapes(actor.robot):
-        by_body.setdefault(shape.body, []).append(shape)
-    for at, body in enumerate(poses.bodies):
-        entity = f"{WORLD}/{actor.key}/{body}"
-        to.over_time(
-            entity,
-            actor.time,
-            rr.Transform3D.columns(
-                translation=poses.positions[:, at].astype(np.float32),
-                quaternion=xyzw(poses.quaternions[:, at]).astype(np.float32),
-            ),
-        )
-        log_shapes(to, entity, by_body.get(body, []), actor)
-
-
 def hide_robot(to: Recorder, actor: ShownRobot, after_s: float) -> None:
     """Hide a robot from a time on by a scale of 1e-5, which is invisible; Rerun refuses a scale of zero."""
     for body in actor.poses.bodies:
@@ -154,57 +167,27 @@ def hide_robot(to: Recorder, actor: ShownRobot, after_s: float) -> None:
         )
 
 
-def log_shapes(to: Recorder, entity: str, of_body: Sequence[Shape], actor: ShownRobot) -> None:
-    """Log a body's shapes in its own axes: one batch for each kind on the body's entity, meshes below it."""
-    meshes = [shape for shape in of_body if shape.kind == "mesh"]
-    log_meshes(to, entity, meshes, actor)
-    rounded = {"sphere": "ellipsoid"}
-    kinds = [rounded.get(shape.kind, shape.kind) for shape in of_body]
-    batches = [
-        batch(kind, [s for s, own in zip(of_body, kinds, strict=True) if own == kind], actor)
-        for kind in dict.fromkeys(kinds)
-        if kind != "mesh"
-    ]
-    if batches:
-        to.static(entity, *batches)
-
-
-def batch(kind: str, some: Sequence[Shape], actor: ShownRobot) -> rr.AsComponents:
-    """Shapes of one kind as Rerun draws them; spheres count as ellipsoids."""
-    size = np.array([shape.size_m for shape in some])
-    centre = np.array([shape.position for shape in some])
-    turn = xyzw(np.array([shape.quaternion for shape in some]))
+def batch(kind: str, geoms: list[int], actor: ShownRobot) -> rr.AsComponents:
+    """Shapes of one kind as Rerun draws them; spheres, which have one size, count as ellipsoids."""
+    model = actor.robot.model
+    size, centre, turn = model.geom_size[geoms], model.geom_pos[geoms], xyzw(model.geom_quat[geoms])
     look = {
         "quaternions": turn,
-        "colors": [shape_colour(shape.rgba, actor) for shape in some],
+        "colors": [shape_colour(geom, actor) for geom in geoms],
         "fill_mode": rr.components.FillMode.Solid,
     }
     if kind == "box":
         return rr.Boxes3D(half_sizes=size, centers=centre, **look)
     if kind == "ellipsoid":
-        half = [s.size_m[[0, 0, 0]] if s.kind == "sphere" else s.size_m for s in some]
+        half = np.where(size[:, 1:2] > 0, size, size[:, :1])
         return rr.Ellipsoids3D(half_sizes=half, centers=centre, **look)
     if kind == "cylinder":
         return rr.Cylinders3D(lengths=2 * size[:, 1], radii=size[:, 0], centers=centre, **look)
-    starts = capsule_starts(centre, turn, size[:, 1])
-    return rr.Capsules3D(lengths=2 * size[:, 1], radii=size[:, 0], translations=starts, **look)
-
-
-def log_meshes(to: Recorder, entity: str, some: Sequence[Shape], actor: ShownRobot) -> None:
-    """Log each mesh on an entity of its own, which Rerun places by a transform."""
-    for i, shape in enumerate(some):
-        place = rr.Transform3D(translation=shape.position, quaternion=rr.Quaternion(xyzw=xyzw(shape.quaternion)))
-        mesh = rr.Mesh3D(
-            vertex_positions=shape.vertices, triangle_indices=shape.faces, albedo_factor=shape_colour(shape.rgba, actor)
-        )
-        to.static(f"{entity}/mesh_{i}", place, mesh)
-
-
-def capsule_starts(centre: np.ndarray, quaternion_xyzw: np.ndarray, half_length: np.ndarray) -> np.ndarray:
-    """Start points of capsules for Rerun, m, (n, 3): one end of the axis, whereas MuJoCo states the centre."""
-    x, y, z, w = quaternion_xyzw.T
+    # Start points of capsules for Rerun, m, (n, 3): one end of the axis, whereas MuJoCo states the centre
+    x, y, z, w = turn.T
     axis = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)
-    return centre - half_length[:, None] * axis
+    starts = centre - size[:, 1][:, None] * axis
+    return rr.Capsules3D(lengths=2 * size[:, 1], radii=size[:, 0], translations=starts, **look)
 
 
 def xyzw(wxyz: np.ndarray) -> np.ndarray:
@@ -212,28 +195,14 @@ def xyzw(wxyz: np.ndarray) -> np.ndarray:
     return np.roll(wxyz, -1, axis=-1)
 
 
-def shape_colour(rgba: np.ndarray, actor: ShownRobot) -> tuple[int, ...]:
+def shape_colour(geom: int, actor: ShownRobot) -> tuple[int, ...]:
     """RGBA of a shape, 0–255: the model's colour tinted with the robot's; ghosts have only the robot's, translucent."""
+    rgba = geom_rgba(actor.robot.model, geom)
     own, tint = 255 * rgba[:3], np.array(actor.colour)
     if actor.is_ghost:
         return (*actor.colour, int(GHOST_ALPHA * rgba[3]))
     mixed = 0.3 * own + 0.7 * tint * (0.55 + 0.45 * rgba[:3].mean())
     return (*(int(value) for value in mixed), int(255 * rgba[3]))
-
-
-def log_paths(to: Recorder, actor: ShownRobot) -> None:
-    """Log the path of the base over the whole jump, and that of every foot as a thinner line."""
-    faded = (*actor.colour, 110)
-    to.static(
-        f"{WORLD}/{actor.key}/way_of_base",
-        rr.LineStrips3D([actor.poses.base.astype(np.float32)], radii=0.004, colors=actor.colour),
-    )
-    feet = actor.poses.feet.astype(np.float32)
-    if feet.shape[1]:
-        to.static(
-            f"{WORLD}/{actor.key}/ways_of_feet",
-            rr.LineStrips3D([feet[:, foot] for foot in range(feet.shape[1])], radii=0.0015, colors=faded),
-        )
 
 
 def log_forces(to: Recorder, actor: ShownRobot) -> None:
@@ -247,10 +216,21 @@ def log_forces(to: Recorder, actor: ShownRobot) -> None:
     if not all(feet for _, feet in pairs):
         return
     origins = np.stack([actor.poses.feet[:, feet].mean(axis=1) for _, feet in pairs], axis=1)
-    pushing = is_pushing(jump, actor.time)
+    # Whether the front and the rear pair are planned to push, bool, (rows, 2); both where no segment of the log is
+    parts = split_at_take_off(jump.info.segments)
+    segments = segment_of_rows(parts, actor.time)
+    pushing = np.ones((len(actor.time), len(PAIRS)), dtype=bool)
+    for k, part in enumerate(parts):
+        pushing[segments == k] = planned_to_push(part)
     sources = [source for source in FORCES if jump.has_pair_force(source)]
     if sources:
-        log_cones(to, actor, origins, pushing)
+        # Log the friction cone of each pair while it is planned to push: a force within it does not slip
+        shape = cone_outline(ground_friction(actor.robot))
+        entity = f"{WORLD}/{actor.key}/friction_cone"
+        to.static(entity, rr.LineStrips3D.from_fields(colors=[CONE_COLOUR], radii=[0.0012]))
+        strips = [origin + shape for origin in origins[pushing].astype(np.float32)]
+        columns = rr.LineStrips3D.columns(strips=strips)
+        to.over_time(entity, actor.time, columns.partition(pushing.sum(axis=1)))
     for source in sources:
         force = by_pair(jump.pair_force(source)[actor.rows])
         vectors = np.zeros((len(force), 2, 3))
@@ -263,19 +243,6 @@ def log_forces(to: Recorder, actor: ShownRobot) -> None:
         to.over_time(entity, actor.time, columns.partition(pushing.sum(axis=1)))
 
 
-def log_cones(to: Recorder, actor: ShownRobot, origins: np.ndarray, pushing: np.ndarray) -> None:
-    """Log the friction cone of each pair while it is planned to push: a force within it does not slip.
-
-    ``origins`` are the middles of the pairs' feet, m, (rows, 2, 3).
-    """
-    shape = cone_outline(ground_friction(actor.robot))
-    entity = f"{WORLD}/{actor.key}/friction_cone"
-    to.static(entity, rr.LineStrips3D.from_fields(colors=[CONE_COLOUR], radii=[0.0012]))
-    strips = [origin + shape for origin in origins[pushing].astype(np.float32)]
-    columns = rr.LineStrips3D.columns(strips=strips)
-    to.over_time(entity, actor.time, columns.partition(pushing.sum(axis=1)))
-
-
 def cone_outline(friction: float) -> np.ndarray:
     """One line that draws a cone with its tip at 0: four edges and the rim, m, (points, 3)."""
     turn = 2 * np.pi * np.arange(RING_POINTS + 1) / RING_POINTS
@@ -284,16 +251,6 @@ def cone_outline(friction: float) -> np.ndarray:
     tip = np.zeros((1, 3))
     edges = [np.concatenate([tip, rim[i : i + 1]]) for i in range(0, RING_POINTS, RING_POINTS // 4)]
     return np.concatenate([*edges, tip, rim]).astype(np.float32)
-
-
-def is_pushing(jump: Log, time_s: np.ndarray) -> np.ndarray:
-    """Whether the front and the rear pair are planned to push, bool, (rows, 2); both where no segment of the log is."""
-    parts = split_at_take_off(jump.info.segments)
-    segments = segment_of_rows(parts, time_s)
-    pushing = np.ones((len(time_s), len(PAIRS)), dtype=bool)
-    for k, part in enumerate(parts):
-        pushing[segments == k] = planned_to_push(part)
-    return pushing
 
 
 def log_contacts(to: Recorder, actor: ShownRobot) -> None:

@@ -1,17 +1,65 @@
-"""A robot in a recording: its poses, label and colour, for the robot shown first and for its ghosts."""
+"""A Rerun recording, whole or not at all, on one timeline in seconds, and a robot in it: poses, label and colour."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
 
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
-from leapgap.reports.recorder import rows_at_period
+from leapgap.robot.kinematics import Poses, body_poses
 from leapgap.robot.model import Robot
-from leapgap.robot.visuals import Poses, body_poses
+from leapgap.runtime.atomic_io import whole_file
+
+TIMELINE = "time"
+
+
+class Recorder:
+    """An open recording; every entity is either static or a set of columns over ``TIMELINE``."""
+
+    def __init__(self, stream: rr.RecordingStream) -> None:
+        self.stream = stream
+
+    def static(self, entity: str, *what: rr.AsComponents) -> None:
+        """Log what holds at all times."""
+        self.stream.log(entity, *what, static=True)
+
+    def over_time(self, entity: str, time_s: np.ndarray, *columns: Iterable[rr.ComponentColumn]) -> None:
+        """Log one row for each time, s, of an entity in a single call."""
+        flat = [column for some in columns for column in some]
+        self.stream.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=time_s)], flat)
+
+
+@contextmanager
+def recording(path: Path, title: str, blueprint: rrb.Blueprint) -> Iterator[Recorder]:
+    """Open a recording that opens in the viewer with ``blueprint``.
+
+    The viewer keeps one blueprint per application name, so the title is part of it: recordings opened
+    together keep their own cameras and plots.
+    """
+    with whole_file(path) as beside:
+        stream = rr.RecordingStream(f"leapgap {title}".replace(".", "-"))  # Rerun warns of names with a dot
+        try:
+            stream.save(beside, default_blueprint=blueprint)
+            stream.send_recording_name(title)
+            yield Recorder(stream)
+            stream.flush()
+        finally:
+            stream.disconnect()
+
+
+def rows_at_period(time_s: np.ndarray, period_s: float) -> np.ndarray:
+    """Indices of about one row per ``period_s``, always with the first and the last row."""
+    tick = np.floor((time_s - time_s[0]) / period_s + 1e-6).astype(int)
+    keep = np.flatnonzero(np.diff(tick, prepend=-1) > 0)
+    return np.union1d(keep, [len(time_s) - 1])
+
 
 Colour = tuple[int, int, int]
 
@@ -57,12 +105,9 @@ class ShownRobot:
         """Forward kinematics of the shown rows."""
         foreign = set(self.jump.joints) - set(self.robot.joints)
         if foreign:
-            raise InputError(
-                self.jump.name,
-                f"joints {', '.join(sorted(foreign))}",
-                f"joints of {self.robot.name}: {', '.join(self.robot.joints)}",
-                "name the model this log was made with (robot.model=<model.xml>)",
-            )
+            expected = f"joints of {self.robot.name}: {', '.join(self.robot.joints)}"
+            do = "name the model this log was made with (robot.model=<model.xml>)"
+            raise InputError(self.jump.name, f"joints {', '.join(sorted(foreign))}", expected, do)
         joints = self.measured_joints
         pos = self.jump.per_joint("joint_pos", joints)[self.rows] if joints else np.empty((len(self.rows), 0))
         base, quaternion = (

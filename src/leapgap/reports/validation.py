@@ -1,15 +1,64 @@
 """The benchmark as one HTML page: self-contained, without network; it links to the reports beside it."""
 
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import plotly.graph_objects as go
 
-from leapgap.reports.colours import CORRECTED, GREY, NOMINAL
-from leapgap.reports.page import embed_figure, heat_map, render_text
+from leapgap.diagnosis.report import round_floats
+from leapgap.reports.kept import KEPT
+from leapgap.reports.page import CORRECTED, GREY, NOMINAL, embed_figure, heat_map, render_text
+from leapgap.reports.pages import write_kept_pages
+from leapgap.robot.model import Robot
+from leapgap.runtime.atomic_io import write_json, write_metrics, write_text
+from leapgap.runtime.output_folder import whole_folder
+from leapgap.validation import scoring
+from leapgap.validation.half_scores import (
+    REPORTED,
+    TUNING,
+    ScoreSettings,
+    metrics,
+    published_metrics,
+    read_revisits,
+    score_half,
+    verdict_text,
+)
+from leapgap.validation.outcome import CaseOutcome
 from leapgap.validation.scoring import CONDITIONS
+from leapgap.validation.seal import PUBLISHED
+
+
+def write_scores(
+    outcomes: Sequence[CaseOutcome], settings: ScoreSettings, robot: Robot, out: Path, by: str
+) -> dict[str, float]:
+    """Write the scores, a page of them and of the reports, and metrics where files are named; the metrics.
+
+    ``robot``: the pipeline's own; ``by``: the command that writes.
+    """
+    revisits = read_revisits(settings.revisits)
+    halves = {
+        half: score_half([o for o in outcomes if o.half == half], half, revisits, settings, robot.name)
+        for half in (REPORTED, TUNING)
+    }
+    with whole_folder(out, by) as folder:
+        data = {"halves": halves, "outcomes": [asdict(o) for o in outcomes], "revisits": revisits}
+        write_json(folder / "scores.json", round_floats(data))
+        write_kept_pages([o.case for o in outcomes], Path(settings.verdicts), folder)
+        write_text(folder / "index.html", page(outcomes, halves, revisits, settings, out))
+    scores = round_floats(metrics(halves))
+    if settings.metrics:
+        write_metrics(Path(settings.metrics), scores)
+    for o in outcomes:
+        if settings.published_metrics and o.half == PUBLISHED:
+            write_metrics(Path(settings.published_metrics), round_floats(published_metrics(o)))
+        print(f"{o.case}: {o.said_true} ({o.change_floors:.1f} noise floors) → {verdict_text(o)}")
+    print(f"page: {out / 'index.html'}")
+    return {name: value for name, value in scores.items() if isinstance(value, float)}
+
 
 RIGHT, WRONG = "#14804a", "#c0391b"
 BARS = {
@@ -48,28 +97,52 @@ HALVES = {
 }
 
 
-def html(
+def page(
+    outcomes: Sequence[CaseOutcome],
     halves: Mapping[str, Mapping[str, Any]],
-    rows: Sequence[Mapping[str, Any]],
     revisits: Mapping[str, Mapping[str, Any]],
-    confusion: Mapping[str, Mapping[str, Mapping[str, int]]],
-    limits: Mapping[str, Mapping[str, Mapping[str, Any]]],
-    reliability: Mapping[str, Sequence[tuple[float, float, int]]],
+    settings: ScoreSettings,
+    out: Path,
 ) -> str:
-    """The page as HTML text; equal scores give equal bytes."""
+    """The page as HTML text, with links to the reports relative to ``out``; equal scores give equal bytes."""
+    at = os.path.relpath(settings.verdicts, out)
+    rows = [
+        {
+            **asdict(o),
+            "right": o.right,
+            "wrongly_named": o.wrongly_named,
+            "where_right": o.where_right,
+            "where_mirrored": o.where_mirrored,
+            "counted_against": scoring.counted_against(o),
+            "said": verdict_text(o),
+            "report": f"{'' if (Path(settings.verdicts) / o.case / KEPT).is_file() else f'{at}/'}{o.case}/report.html",
+        }
+        for o in outcomes
+    ]
+    of_half = {half: [o for o in scoring.of_pipeline(outcomes) if o.half == half] for half in halves}
     figures = {
         f"{kind}_{half}": embed_figure(figure, f"{kind}-{half}") if has_points(figure) else NOTHING
-        for half in halves
+        for half, these in of_half.items()
         for own in [rows_of(half, rows)]
         for kind, figure in (
-            ("confusion", confusion_matrix(confusion[half])),
-            ("limits", detection(limits[half])),
-            ("reliability", calibration(reliability[half])),
+            ("confusion", confusion_matrix(scoring.confusion(these))),
+            ("limits", detection(scoring.detection_limits(these))),
+            ("reliability", calibration(scoring.reliability(these, settings.bins))),
             ("parameters", parameters(own)),
             ("closure", closure(own)),
         )
     }
     wrong = [r for r in rows if r["half"] in halves and (r["wrongly_named"] or not r["right"])]
+    # One row per bar that a half misses, with the cases that count against it, the most frequent first
+    lines = []
+    for line, key in zip(score_table(halves), BARS, strict=True):
+        for half in HALVES:
+            if line[half]["reaches"] is False and key in CONDITIONS:
+                against = [r for r in rows_of(half, rows) if key in r["counted_against"]]
+                names = Counter(f"{' + '.join(r['true']) or r['kind']} → {describe_answer(r, key)}" for r in against)
+                cases = ", ".join(f"{name}{f' ({n}×)' if n > 1 else ''}" for name, n in names.most_common())
+                reason = explain_misses(key, against, revisits["missed"])
+                lines.append({"half": half, "words": line["words"], "cases": cases, "why": reason})
     return render_text(
         Path(__file__).with_name("validation.html"),
         figures,
@@ -77,7 +150,7 @@ def html(
         table=score_table(halves),
         names_of_robots={half: list(halves[half]["robots"]) for half in halves},
         robots={half: robot_table(halves[half]["robots"]) for half in halves},
-        missed=missed_bars(halves, rows, revisits["missed"]),
+        missed=lines,
         counts={half: (halves[half]["cases"], halves[half]["detectable"]) for half in halves},
         wrong=sorted(wrong, key=lambda r: (not r["wrongly_named"], r["half"], r["case"])),
         rows=rows,
@@ -127,25 +200,6 @@ def robot_table(scores: Mapping[str, Mapping[str, Any]]) -> dict[str, list[str]]
 def rows_of(half: str, rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """The rows of one half that are of the pipeline's own robot."""
     return [row for row in rows if row["half"] == half and row["robot"] is None]
-
-
-def missed_bars(
-    halves: Mapping[str, Mapping[str, Any]], rows: Sequence[Mapping[str, Any]], missed: Mapping[str, Mapping[str, Any]]
-) -> list[dict[str, str]]:
-    """One row per bar that a half misses, with the cases that count against it, the most frequent first.
-
-    ``missed`` are cases that were diagnosed again with further jumps.
-    """
-    lines = []
-    for line, key in zip(score_table(halves), BARS, strict=True):
-        for half in HALVES:
-            if line[half]["reaches"] is False and key in CONDITIONS:
-                against = [r for r in rows_of(half, rows) if key in r["counted_against"]]
-                names = Counter(f"{' + '.join(r['true']) or r['kind']} → {describe_answer(r, key)}" for r in against)
-                cases = ", ".join(f"{name}{f' ({n}×)' if n > 1 else ''}" for name, n in names.most_common())
-                reason = explain_misses(key, against, missed)
-                lines.append({"half": half, "words": line["words"], "cases": cases, "why": reason})
-    return lines
 
 
 def explain_misses(key: str, against: Sequence[Mapping[str, Any]], missed: Mapping[str, Mapping[str, Any]]) -> str:

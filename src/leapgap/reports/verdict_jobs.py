@@ -112,36 +112,25 @@ def run_jobs(jobs: list[Job], cache: ResultCache, executor: Executor) -> None:
         if error:
             failed[name] = error
     if failed:
-        raise InputError(
-            ", ".join(failed),
-            "; ".join(sorted(set(failed.values()))),
-            "a verdict for every case",
-            "fix the diagnosis and run again: the other cases are kept",
-        )
+        do = "fix the diagnosis and run again: the other cases are kept"
+        raise InputError(", ".join(failed), "; ".join(sorted(set(failed.values()))), "a verdict for every case", do)
 
 
 def judge(cache: ResultCache, job: Job) -> tuple[str, str, str]:
     """Name, conclusion and error of one case; an error leaves no verdict and stops no other case."""
     try:
-        return job.name, verdict_of(cache, job), ""
+        # Diagnose one case by the very function that stage ``diagnose`` calls; its conclusion
+        with tempfile.TemporaryDirectory() as name, cache.store(job.place, job.key) as out:
+            logs, robot = Path(name) / "logs", Path(name) / "robot.xml"
+            shutil.copytree(job.logs, logs)
+            shutil.copyfile(job.robot, robot)
+            found = diagnose_folder(logs, Robot.load(robot), job.settings, threads=job.threads)
+            if found is None:
+                raise InputError(job.logs, "no jump logs", "one or more", "withhold the cases again")
+            if job.pages:
+                found.write(out / job.name)
+            else:
+                keep(replace(found, robot=Robot.load(job.robot)), out / job.name)  # its copy is about to go
+        return job.name, found.sentence, ""
     except Exception as error:
         return job.name, "", f"{type(error).__name__}: {error}"
-
-
-def verdict_of(cache: ResultCache, job: Job) -> str:
-    """Diagnose one case by the very function that stage ``diagnose`` calls; its conclusion.
-
-    The function gets copies in a folder of their own, so that no path it knows leads to anything else.
-    """
-    with tempfile.TemporaryDirectory() as name, cache.store(job.place, job.key) as out:
-        logs, robot = Path(name) / "logs", Path(name) / "robot.xml"
-        shutil.copytree(job.logs, logs)
-        shutil.copyfile(job.robot, robot)
-        found = diagnose_folder(logs, Robot.load(robot), job.settings, threads=job.threads)
-        if found is None:
-            raise InputError(job.logs, "no jump logs", "one or more", "withhold the cases again")
-        if job.pages:
-            found.write(out / job.name)
-        else:
-            keep(replace(found, robot=Robot.load(job.robot)), out / job.name)  # its copy is about to go
-    return found.sentence

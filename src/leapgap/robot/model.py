@@ -10,15 +10,19 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.robot.actuators import check_joint_pd, replace_actuators
-from leapgap.robot.feet import Feet, feet_of, name_contacts
-from leapgap.robot.menagerie import model_file
-from leapgap.robot.model_file import compile_spec, discard_visual, gravity_of, keep_inertia_changeable, read_spec
-from leapgap.robot.model_hash import hash_model
-from leapgap.robot.motors import MotorConstants, motors_of
-from leapgap.robot.stated_actuators import SINGLE, JointActuator, actuators_of
+from leapgap.robot.mjcf import hash_model
+from leapgap.robot.model_file import (
+    compile_spec,
+    discard_visual,
+    gravity_of,
+    is_urdf,
+    keep_inertia_changeable,
+    model_file,
+    read_spec,
+)
+from leapgap.robot.stated_actuators import SINGLE, JointActuator, MotorConstants, actuators_of, motors_of
 from leapgap.robot.terrain import Box, ground_geoms
-from leapgap.robot.topology import PartNames, Topology, indices, topology_of
-from leapgap.robot.urdf import is_urdf
+from leapgap.robot.topology import Feet, PartNames, Topology, feet_of, indices, name_contacts, topology_of
 
 DEFAULT_MODEL = Path(__file__).with_name("a1.xml")
 OTHER_DESCRIPTION = "a1_2020.xml"
@@ -64,7 +68,7 @@ class Robot:
     ) -> "Robot":
         """Read and compile a model file; ``InputError`` where it is invalid or cannot be replayed.
 
-        ``menagerie:<name>`` is a robot of MuJoCo Menagerie (``robot.menagerie``).
+        ``menagerie:<name>`` is a robot of MuJoCo Menagerie (``robot.model_file``).
         """
         robot = Robot(model_file(path), motors, names, fix_base)
         robot.check()
@@ -82,31 +86,18 @@ class Robot:
                 "at most one free joint, the base's and the first of all; other joints turn or slide about one axis",
                 "leave loose objects out of the model, and put the robot first",
             )
-        self.check_gravity()
+        # Refuse a free base without gravity, or with one that does not point down
+        x, y, z = gravity = gravity_of(self.model)
+        if self.has_free_base and not -z >= DOWNWARDS * max(float(np.linalg.norm(gravity)), LEAST_GRAVITY):
+            found = f"gravity ({x:g}, {y:g}, {z:g}) m/s² for a robot with a free base"
+            do = "correct option gravity and its flag, or hold the base (fix_base)"
+            raise InputError(self.path, found, "gravity along −z: the world of a log has z up", do)
         if not self.driven.any() and not self.is_free_body:
-            raise InputError(
-                self.path,
-                f"no actuator at {', '.join(self.joints) or 'any joint'}",
-                "an actuator at every joint that is commanded",
-                "add the actuators",
-            )
+            found = f"no actuator at {', '.join(self.joints) or 'any joint'}"
+            raise InputError(self.path, found, "an actuator at every joint that is commanded", "add the actuators")
         _ = self.topology  # names that this robot has not are told now, whoever needs its limbs and feet
         if not self.is_free_body:
             check_joint_pd(self.model, self.joint_actuators, self.actuators, self.path)
-
-    def check_gravity(self) -> None:
-        """Raise ``InputError`` for a free base without gravity, or with one that does not point down.
-
-        Logs have z up, and their feet stand. A robot that is held may have any gravity: an arm on a wall, or in space.
-        """
-        x, y, z = gravity = gravity_of(self.model)
-        if self.has_free_base and not -z >= DOWNWARDS * max(float(np.linalg.norm(gravity)), LEAST_GRAVITY):
-            raise InputError(
-                self.path,
-                f"gravity ({x:g}, {y:g}, {z:g}) m/s² for a robot with a free base",
-                "gravity along −z: the world of a log has z up",
-                "correct option gravity and its flag, or hold the base (fix_base)",
-            )
 
     @cached_property
     def model(self) -> mujoco.MjModel:
@@ -365,7 +356,11 @@ class Robot:
         spec = self.spec()
         keep_inertia_changeable(spec)
         slots = len(boxes) if slots is None else slots
-        contype, conaffinity = collision_bits(spec)
+        # ``contype`` and ``conaffinity`` of a geom of the world that everything of a robot collides with
+        contype = conaffinity = 0
+        for geom in spec.geoms:
+            if geom.parent.name != spec.worldbody.name:
+                contype, conaffinity = contype | int(geom.conaffinity), conaffinity | int(geom.contype)
         for i in range(slots):
             geom = spec.worldbody.add_geom()
             geom.name = f"terrain_{i}"
@@ -381,7 +376,14 @@ class Robot:
                 geom.size = [0.1, 0.1, 0.1]
                 geom.pos = [0.0, 0.0, -PARKED_BELOW_FLOOR_M]
         if len(spec.meshes):
-            discard_untouchable(spec, self.path)
+            # Take away meshes that nothing can touch, and what only shows: they make a model thousands of times larger
+            paired = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
+            bits = [(int(geom.contype), int(geom.conaffinity)) for geom in spec.geoms]
+            for geom, (contype, conaffinity) in zip(spec.geoms, bits, strict=True):
+                touches = any(contype & other[1] or conaffinity & other[0] for other in bits)
+                if not touches and geom.name not in paired and geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+                    geom.contype = geom.conaffinity = 0
+            discard_visual(spec, self.path)
         return spec
 
 
@@ -411,26 +413,3 @@ def rigid_bodies(robot: "Robot") -> mujoco.MjModel:
             geom.type, geom.meshname, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, "", [0.01, 0.01, 0.01]
     discard_visual(spec, robot.path)
     return spec.compile()
-
-
-def discard_untouchable(spec: mujoco.MjSpec, where: object) -> None:
-    """Take away the meshes that nothing can touch, and what only shows: they make a model thousands of times larger.
-
-    An arm above no floor often has meshes that would collide with a floor alone.
-    """
-    paired = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
-    bits = [(int(geom.contype), int(geom.conaffinity)) for geom in spec.geoms]
-    for geom, (contype, conaffinity) in zip(spec.geoms, bits, strict=True):
-        touches = any(contype & other[1] or conaffinity & other[0] for other in bits)
-        if not touches and geom.name not in paired and geom.type == mujoco.mjtGeom.mjGEOM_MESH:
-            geom.contype = geom.conaffinity = 0
-    discard_visual(spec, where)
-
-
-def collision_bits(spec: mujoco.MjSpec) -> tuple[int, int]:
-    """``contype`` and ``conaffinity`` of a geom of the world that everything of a robot collides with."""
-    contype = conaffinity = 0
-    for geom in spec.geoms:
-        if geom.parent.name != spec.worldbody.name:
-            contype, conaffinity = contype | int(geom.conaffinity), conaffinity | int(geom.contype)
-    return contype, conaffinity

@@ -349,7 +349,21 @@ def check_named(one: Named, path: Path, is_meant: bool, found: Count) -> None:
         Reader(found, path, (*one.inside, path), one.copies, one.depth).read(read_xml(path, path, found), one.path)
         found.of_models += found.elements - before if one.tag == "model" else 0.0
     elif path not in found.files:
-        check_head(path, one, size, found)
+        # ``RefusedError`` for a file that stands for another, or whose first bytes claim more than a picture has
+        with path.open("rb") as file:
+            head = file.read(len(LFS) + 1)
+        check_no_pointer(head, path, one.tag, one.path)
+        if head.startswith(PNG) and len(head) == 24:
+            width, height = struct.unpack(">II", head[16:24])
+            if width * height > MOST_PIXELS:
+                raise RefusedError(one.path, f"{path.name} of {width} × {height} pixels", f"{MOST_PIXELS:g} at most")
+            found.bytes += PIXEL_BYTES * width * height
+        if one.tag == "flexcomp":  # each point of it is a body with three joints
+            found.elements += one.copies * size / 12
+            if found.elements > MOST_ELEMENTS:
+                raise RefusedError(
+                    one.path, f"flexcomp of the points in {path.name}", f"{MOST_ELEMENTS} elements at most"
+                )
         found.file_bytes += size
     found.files.add(path)
     if found.file_bytes > LARGEST_TOTAL_BYTES or len(found.files) > MOST_FILES:
@@ -394,22 +408,6 @@ def check_no_pointer(head: bytes, path: Path, kind: str, where: object) -> None:
     if head.startswith(LFS):
         says = f"{path.name}, which is no {kind} but the pointer to one that git-LFS keeps"
         raise RefusedError(where, says, "the file itself", "fetch it: git lfs pull")
-
-
-def check_head(path: Path, one: Named, size: int, found: Count) -> None:
-    """``RefusedError`` for a file that stands for another, or whose first bytes claim more than a picture has."""
-    with path.open("rb") as file:
-        head = file.read(len(LFS) + 1)
-    check_no_pointer(head, path, one.tag, one.path)
-    if head.startswith(PNG) and len(head) == 24:
-        width, height = struct.unpack(">II", head[16:24])
-        if width * height > MOST_PIXELS:
-            raise RefusedError(one.path, f"{path.name} of {width} × {height} pixels", f"{MOST_PIXELS:g} at most")
-        found.bytes += PIXEL_BYTES * width * height
-    if one.tag == "flexcomp":  # each point of it is a body with three joints
-        found.elements += one.copies * size / 12
-        if found.elements > MOST_ELEMENTS:
-            raise RefusedError(one.path, f"flexcomp of the points in {path.name}", f"{MOST_ELEMENTS} elements at most")
 
 
 def limit_process(memory_bytes: int, time_s: int) -> None:

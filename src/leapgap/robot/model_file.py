@@ -1,15 +1,120 @@
-"""Reading a robot's model file, MJCF or URDF, into MuJoCo's specification, which is then edited and compiled."""
+"""Reading a robot's model file (MJCF, URDF, a robot of Menagerie) into MuJoCo's specification, to edit and compile.
+
+Robots of Menagerie are found by the package ``mujoco-menagerie`` (extra ``menagerie``), which holds a list of them. It
+takes their files from the folder that ``MENAGERIE_ROOT`` names, a checkout of Menagerie, or from its own cache, which
+it fills by a download when a robot is first asked for."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
-from leapgap.errors import InputError
+from leapgap.errors import InputError, did_you_mean, needs
 from leapgap.robot.model_count import LARGEST_MODEL_BYTES
 from leapgap.robot.model_guard import check_model_file, check_text
-from leapgap.robot.urdf import is_urdf, readable_urdf
+
+PREFIX = "menagerie:"
+"""Before the name of a robot: ``menagerie:unitree_go2`` is its scene with a floor, where its makers have one.
+``menagerie:unitree_go2/go2`` names one of its files without ``.xml``."""
+
+
+def model_file(model: Path | str) -> Path:
+    """The model file that a path or a name in Menagerie stands for; ``InputError`` where Menagerie does not have it."""
+    given = str(model)
+    if not given.startswith(PREFIX):
+        return Path(model)
+    robot, _, entry = given.removeprefix(PREFIX).partition("/")
+    with needs("menagerie"):
+        import mujoco_menagerie as menagerie
+    try:
+        return Path(menagerie.get(robot).xml(entry or None))
+    except menagerie.UnknownRobotError:
+        found = f"no robot {robot}" if robot else "no name of a robot"
+        do = did_you_mean(robot, menagerie.names()) or "mujoco-menagerie names, in a shell, lists them"
+        raise InputError(given, found, f"one of the {len(menagerie.names())} robots of MuJoCo Menagerie", do) from None
+    except menagerie.UnknownEntryPointError:
+        known = ", ".join(menagerie.get(robot).entry_names)
+        raise InputError(given, f"no file {entry}", f"one of {known}", f"name one: {PREFIX}{robot}/<file>") from None
+    except (menagerie.MenagerieError, OSError) as error:
+        raise InputError(
+            given,
+            f"no files of that robot ({' '.join(str(error).split())})",
+            "a checkout of MuJoCo Menagerie in the folder that MENAGERIE_ROOT names, or a network to download from",
+            f"set MENAGERIE_ROOT, or run 'mujoco-menagerie prefetch {robot}' where there is a network",
+        ) from None
+
+
+MESHES = (".stl", ".obj", ".msh")
+"""Mesh files that MuJoCo reads."""
+PACKAGE, WORLD = "package://", "world"
+XACRO = "xacro"
+
+
+def is_urdf(text: str) -> bool:
+    """Whether a model file is a URDF: its top element is ``robot``."""
+    try:
+        return parsed(text).tag == "robot"
+    except ElementTree.ParseError:
+        return False
+
+
+def parsed(text: str) -> ElementTree.Element:
+    """The tree of a URDF without the namespace that some generators put it into; parts of others keep theirs."""
+    root = ElementTree.fromstring(text)
+    own = root.tag[: root.tag.rfind("}") + 1]
+    for element in root.iter():
+        element.tag = element.tag.removeprefix(own)
+    return root
+
+
+def readable_urdf(text: str, path: Path) -> tuple[str, tuple[str, ...]]:
+    """The text of a URDF that MuJoCo reads as its makers meant it, and notes on what is left out.
+
+    ``package://`` and relative paths of meshes become absolute ones. Shapes whose mesh is missing or of another format
+    are left out. A parent link ``world`` that is not declared is added. ``InputError`` for a template of xacro.
+    """
+    root = parsed(text)
+    for element in root.iter():
+        namespace, _, element.tag = element.tag.rpartition("}")
+        if XACRO in namespace:
+            do = "write it out: xacro robot.urdf.xacro > robot.urdf"
+            raise InputError(path, f"a template with xacro:{element.tag}", "a URDF", do)
+    links = {link.get("name") for link in root.iter("link")}
+    if WORLD not in links and any(parent.get("link") == WORLD for parent in root.iterfind("joint/parent")):
+        root.insert(0, ElementTree.Element("link", {"name": WORLD}))
+    # Make paths of meshes absolute, and remove the shapes whose meshes cannot be read; their names
+    left_out = []
+    for link in root.iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            mesh = shape.find("geometry/mesh")
+            if mesh is None:
+                continue
+            # The file of a mesh, looked for beside the URDF and, for ``package://``, in every folder above it
+            name = mesh.get("filename", "")
+            folder = path.resolve().parent
+            inside = name.removeprefix(PACKAGE).removeprefix("file://")
+            if name.startswith(PACKAGE):
+                below = Path(*Path(inside).parts[1:])
+                tries = [above / part for above in (folder, *folder.parents) for part in (inside, below)]
+            else:
+                tries = [folder / inside]
+            found = next((one for one in tries if one.suffix.lower() in MESHES and one.is_file()), None)
+            if found is None:
+                left_out.append(mesh.get("filename", ""))
+                link.remove(shape)
+            else:
+                mesh.set("filename", str(found))
+    compiler = root.find("mujoco/compiler")
+    if compiler is None:
+        compiler = ElementTree.SubElement(root.find("mujoco") or ElementTree.SubElement(root, "mujoco"), "compiler")
+    compiler.set("strippath", "false")
+    compiler.attrib.pop("meshdir", None)
+    compiler.attrib.setdefault("discardvisual", "false")
+    notes = [f"{len(left_out)} shapes are left out, for want of meshes that MuJoCo reads: {one} …" for one in left_out]
+    return ElementTree.tostring(root, encoding="unicode"), tuple(notes[:1])
+
 
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 BOUNDED = (
@@ -49,7 +154,10 @@ def read_spec(path: Path, fix_base: bool | None) -> tuple[mujoco.MjSpec, tuple[s
     if fix_base:
         hold_base(spec)
     elif fix_base is False and is_urdf(text):
-        free_base(spec)
+        # Give the one root body that has joints below it, and none of its own, a free joint
+        roots = [body for body in spec.worldbody.bodies if not body.joints]
+        if len(roots) == 1:
+            roots[0].add_freejoint()
     return spec, notes
 
 
@@ -59,8 +167,30 @@ def compile_spec(spec: mujoco.MjSpec, where: object) -> mujoco.MjModel:
         model = spec.compile()
     except REFUSALS as error:
         raise invalid(where, error) from None
-    check_physics(model, where)
-    check_cost(model, where)
+    # Refuse a compiled model with numbers that no robot can have; MuJoCo lets NaN pass
+    arrays = {name: np.asarray(getattr(model, name)) for name in BOUNDED}
+    arrays |= {f"option {name}": np.asarray(getattr(model.opt, name)) for name in BOUNDED_OPTIONS}
+    for name, values in arrays.items():
+        if not (np.abs(values) <= LARGEST).all():  # false for NaN, too
+            found = f"{name} with values that are not finite or above {LARGEST:g}"
+            raise InputError(where, found, "numbers of a robot, in SI units", "correct them")
+    for name, values in float_arrays(model):
+        if not np.isfinite(values).all():
+            raise InputError(where, f"{name} with values that are not finite", "numbers of a robot", "correct them")
+    if not SHORTEST_STEP_S <= model.opt.timestep <= LONGEST_STEP_S:
+        found = f"a time step of {model.opt.timestep:g} s"
+        raise InputError(where, found, f"{SHORTEST_STEP_S:g} to {LONGEST_STEP_S:g} s", "correct option timestep")
+    # Refuse a compiled model that takes more memory, or more work a second of log, than a robot
+    size = int(model.nbuffer) + int(model.narena)
+    if size > LARGEST_MODEL_BYTES:
+        expected = f"{LARGEST_MODEL_BYTES >> 20} MiB at most, with its working memory"
+        raise InputError(where, f"a model of {size >> 20} MiB", expected, "make it smaller")
+    for name in ITERATIONS:
+        a_second = getattr(model.opt, name) / model.opt.timestep
+        if not a_second <= MOST_ITERATIONS:
+            found = f"option {name}={getattr(model.opt, name)} at a time step of {model.opt.timestep:g} s"
+            expected = f"{MOST_ITERATIONS:g} a second of the simulation at most"
+            raise InputError(where, found, expected, "choose fewer, or a longer step")
     return model
 
 
@@ -82,42 +212,12 @@ def discard_visual(spec: mujoco.MjSpec, where: object) -> None:
         raise invalid(where, error) from None
 
 
-def check_physics(model: mujoco.MjModel, where: object) -> None:
-    """Raise ``InputError`` for a compiled model with numbers that no robot can have; MuJoCo lets NaN pass."""
-    arrays = {name: np.asarray(getattr(model, name)) for name in BOUNDED}
-    arrays |= {f"option {name}": np.asarray(getattr(model.opt, name)) for name in BOUNDED_OPTIONS}
-    for name, values in arrays.items():
-        if not (np.abs(values) <= LARGEST).all():  # false for NaN, too
-            found = f"{name} with values that are not finite or above {LARGEST:g}"
-            raise InputError(where, found, "numbers of a robot, in SI units", "correct them")
-    for name, values in float_arrays(model):
-        if not np.isfinite(values).all():
-            raise InputError(where, f"{name} with values that are not finite", "numbers of a robot", "correct them")
-    if not SHORTEST_STEP_S <= model.opt.timestep <= LONGEST_STEP_S:
-        found = f"a time step of {model.opt.timestep:g} s"
-        raise InputError(where, found, f"{SHORTEST_STEP_S:g} to {LONGEST_STEP_S:g} s", "correct option timestep")
-
-
 def float_arrays(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
     """Every array of floating-point numbers of a compiled model, with its name."""
     for name in dir(model):
         values = None if name.startswith("_") else getattr(model, name)
         if isinstance(values, np.ndarray) and values.dtype.kind == "f":
             yield name, values
-
-
-def check_cost(model: mujoco.MjModel, where: object) -> None:
-    """Raise ``InputError`` for a compiled model that takes more memory, or more work a second of log, than a robot."""
-    size = int(model.nbuffer) + int(model.narena)
-    if size > LARGEST_MODEL_BYTES:
-        expected = f"{LARGEST_MODEL_BYTES >> 20} MiB at most, with its working memory"
-        raise InputError(where, f"a model of {size >> 20} MiB", expected, "make it smaller")
-    for name in ITERATIONS:
-        a_second = getattr(model.opt, name) / model.opt.timestep
-        if not a_second <= MOST_ITERATIONS:
-            found = f"option {name}={getattr(model.opt, name)} at a time step of {model.opt.timestep:g} s"
-            expected = f"{MOST_ITERATIONS:g} a second of the simulation at most"
-            raise InputError(where, found, expected, "choose fewer, or a longer step")
 
 
 def gravity_of(model: mujoco.MjModel) -> np.ndarray:
@@ -187,14 +287,7 @@ def hold_base(spec: mujoco.MjSpec) -> None:
             key.qvel = np.delete(np.array(key.qvel), slice(speeds, speeds + TWIST))
     base = joints[0].parent
     spec.delete(joints[0])
-    exclude_neighbours(spec, base)
-
-
-def exclude_neighbours(spec: mujoco.MjSpec, base: mujoco.MjsBody) -> None:
-    """Forbid contacts of a held base with the links at it.
-
-    MuJoCo forbids those of a body with its parent, unless the parent does not move: links may touch the world.
-    """
+    # Forbid contacts of a held base with the links at it
     held, links = [base], list[mujoco.MjsBody]()
     for body in held:  # grows: bodies without a joint are held with the base
         for child in body.bodies:
@@ -216,10 +309,3 @@ def size(joint: mujoco.MjsJoint) -> tuple[int, int]:
     if joint.type == mujoco.mjtJoint.mjJNT_FREE:
         return POSE, TWIST
     return (4, 3) if joint.type == mujoco.mjtJoint.mjJNT_BALL else (1, 1)
-
-
-def free_base(spec: mujoco.MjSpec) -> None:
-    """Give the one root body that has joints below it, and none of its own, a free joint."""
-    roots = [body for body in spec.worldbody.bodies if not body.joints]
-    if len(roots) == 1:
-        roots[0].add_freejoint()

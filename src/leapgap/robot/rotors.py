@@ -39,12 +39,6 @@ def joints_with_rotors(robot: Robot, location: str) -> np.ndarray:
     return np.asarray(at[robot.driven[at]])
 
 
-def lacks_rotors(robot: Robot) -> str | None:
-    """What a robot lacks for rotors beside its joints; None where its motors have inertias."""
-    rotors = robot.model.dof_armature[robot.joint_dofs[robot.driven]]
-    return None if len(rotors) and (rotors > 0).all() else "the inertia of its rotors (armature)"
-
-
 def add_rotors(spec: mujoco.MjSpec, robot: Robot, joints: Sequence[int]) -> None:
     """Put rotors beside joints, by their indices among the robot's, and hand their motors over to them.
 
@@ -107,13 +101,6 @@ def mount_rotors(model: mujoco.MjModel, robot: Robot, joints: np.ndarray) -> np.
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return np.array([model.tendon(PREFIX + robot.joints[i]).id for i in joints], dtype=int)
-
-
-def widen_play(model: mujoco.MjModel, tendons: np.ndarray, play_rad: float) -> None:
-    """Add to the angle within which rotors turn freely."""
-    ends = play_rad / 2 * np.array([-1.0, 1.0])
-    model.tendon_range[tendons] += ends
-    model.tendon_lengthspring[tendons] += ends
 
 
 def soften(model: mujoco.MjModel, robot: Robot, joints: np.ndarray, tendons: np.ndarray, compliance: float) -> None:

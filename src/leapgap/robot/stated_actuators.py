@@ -1,4 +1,4 @@
-"""What a model file says of the motors of its joints."""
+"""What a model file says of the motors of its joints: actuators, and constants as custom numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,6 +7,28 @@ import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
+
+RESISTANCE, TOP_SPEED = "motor_resistance", "motor_top_speed"
+"""Names of the custom numbers: ``<custom><numeric name="motor_resistance" data="…"/> …</custom>``."""
+
+
+@dataclass(frozen=True)
+class MotorConstants:
+    """Of every joint's motor, seen at the joint through its gear: the motor constant is 1 there, and 1 V is 1 rad/s."""
+
+    resistance: float
+    """V/(N·m): R i with the current i as torque at the joint, hence the winding's R over (gear · Kt)²."""
+    top_speed_rad_s: float
+    """Largest speed that a joint is designed for, rad/s."""
+
+
+def motors_of(model: mujoco.MjModel) -> MotorConstants | None:
+    """Motor constants that a model file states; None unless it states both numbers."""
+    stated = {model.numeric(i).name: float(model.numeric(i).data[0]) for i in range(model.nnumeric)}
+    if not {RESISTANCE, TOP_SPEED} <= stated.keys():
+        return None
+    return MotorConstants(stated[RESISTANCE], stated[TOP_SPEED])
+
 
 SINGLE = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 AT_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
@@ -73,12 +95,8 @@ def joint_of(model: mujoco.MjModel, actuator: int, where: object) -> int:
         found = f"the actuator {name} drives a free or ball joint"
     else:
         found = f"the actuator {name} drives {TRANSMISSIONS.get(kind, 'no joint')}"
-    raise InputError(
-        where,
-        found,
-        "actuators at hinge or slide joints: the commands of a log are those of joints",
-        "replace it by actuators at the joints it moves, or remove it",
-    )
+    expected = "actuators at hinge or slide joints: the commands of a log are those of joints"
+    raise InputError(where, found, expected, "replace it by actuators at the joints it moves, or remove it")
 
 
 def joint_actuator(model: mujoco.MjModel, joint: int, actuators: Sequence[int], driven: bool) -> JointActuator:

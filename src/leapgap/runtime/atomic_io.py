@@ -38,16 +38,6 @@ def is_partial(name: str, of: str | None = None) -> bool:
     return found is not None and (of is None or found["name"] == of[:LONGEST_NAME])
 
 
-def remove_stale(path: Path) -> None:
-    """Remove temporary files for ``path`` that killed processes of this machine left behind."""
-    for left in path.parent.iterdir():
-        found = PARTIAL.fullmatch(left.name)
-        if found is None or found["name"] != path.name[:LONGEST_NAME] or found["host"] != HOST:
-            continue
-        if not is_running(int(found["pid"])) and left.is_file():
-            left.unlink(missing_ok=True)
-
-
 def is_running(pid: int) -> bool:
     """Whether a process of this machine exists; True where that cannot be asked."""
     if os.name != "posix":
@@ -65,7 +55,13 @@ def is_running(pid: int) -> bool:
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a path beside ``path`` that is renamed to it when the block ends without an error."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    remove_stale(path)
+    # Remove temporary files for ``path`` that killed processes of this machine left behind
+    for left in path.parent.iterdir():
+        found = PARTIAL.fullmatch(left.name)
+        if found is None or found["name"] != path.name[:LONGEST_NAME] or found["host"] != HOST:
+            continue
+        if not is_running(int(found["pid"])) and left.is_file():
+            left.unlink(missing_ok=True)
     beside = partial(path)
     TEMPORARY.add(beside)
     try:

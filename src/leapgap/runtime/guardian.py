@@ -22,21 +22,17 @@ def main() -> None:
     while os.read(0, 1):
         pass
     for _ in range(LOOKS):
-        for pid in workers_of(parent):
+        # Processes of this user whose environment says that the process ``parent`` started them as workers
+        found = []
+        for path in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError):
+                entries = (path / "environ").read_bytes().split(b"\0")
+                if any(entry.startswith(b"LEAPGAP_PARENT=" + parent + b" ") for entry in entries):
+                    found.append(int(path.name))
+        for pid in found:
             with contextlib.suppress(OSError):
                 os.kill(pid, signal.SIGKILL)
         time.sleep(LOOK_S)
-
-
-def workers_of(parent: bytes) -> list[int]:
-    """Processes of this user whose environment says that the process ``parent`` started them as workers."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            entries = (path / "environ").read_bytes().split(b"\0")
-            if any(entry.startswith(b"LEAPGAP_PARENT=" + parent + b" ") for entry in entries):
-                found.append(int(path.name))
-    return found
 
 
 if __name__ == "__main__":

@@ -74,16 +74,11 @@ class SourceTree:
                 if first not in {package.name for package in self.packages}:
                     found.add(first)
                 elif name in self.modules:
-                    found |= {name, *inner_packages(name)} & set(self.modules)
+                    parts = name.split(".")
+                    found |= {name, *{".".join(parts[:i]) for i in range(2, len(parts))}} & set(self.modules)
             imports = frozenset(found | self._loaded_by_name(module, tree, names))
-            spoken = (ast.get_docstring(tree) or "").split("\n")[0] if self._reads_docstrings(module) else ""
-            self._readings[module] = ModuleReading(imports, data_names(tree), digest_of(tree, spoken))
+            self._readings[module] = ModuleReading(imports, data_names(tree), digest_of(tree))
         return self._readings[module]
-
-    def _reads_docstrings(self, module: str) -> bool:
-        """Whether the package of a module reads the docstrings of its modules, whose first lines then are results."""
-        init = self.modules[module].parent / "__init__.py"
-        return init.is_file() and b".__doc__" in init.read_bytes()
 
     def _names(self, module: str, tree: ast.Module) -> Iterator[str]:
         """Dotted names in the import statements of a module."""
@@ -183,12 +178,6 @@ def data_names(tree: ast.Module) -> frozenset[str]:
     return frozenset(value for value in values if isinstance(value, str) and value.endswith(DATA))
 
 
-def inner_packages(name: str) -> set[str]:
-    """The packages around a module, but for the outermost: ``a.b`` of ``a.b.c``."""
-    parts = name.split(".")
-    return {".".join(parts[:i]) for i in range(2, len(parts))}
-
-
 def call_name(node: ast.Call) -> str:
     """Last name of the called function: ``import_module`` of ``importlib.import_module(…)``."""
     return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
@@ -249,9 +238,9 @@ def meaning(value: object) -> str:
     return repr(value)
 
 
-def digest_of(tree: ast.Module, spoken: str = "") -> str:
-    """SHA-256 of what a module does, and of a text of it that others print."""
-    return hashlib.sha256(f"{meaning(tree)}{spoken}".encode()).hexdigest()
+def digest_of(tree: ast.Module) -> str:
+    """SHA-256 of what a module does."""
+    return hashlib.sha256(meaning(tree).encode()).hexdigest()
 
 
 EMPTY_TEXT = "Constant(value='')"

@@ -108,7 +108,14 @@ def check_output(folder: Path, by: str, inputs: Iterable[Path | str | None] = ()
     path = real_path(folder)
     for one in inputs:
         if one is not None:
-            check_apart(path, Path(one))
+            # Refuse an output that is an input, lies in one, or has one in it
+            source = Path(one)
+            out, read = path.resolve(), source.resolve()
+            do = "choose an output folder that lies apart from what is read"
+            if out == read or out in read.parents:
+                raise InputError(path, f"the input {source} in it", "an output apart from all inputs", do)
+            if read in out.parents:
+                raise InputError(path, f"an output inside the input {source}", "an output apart from all inputs", do)
     check_parents(path, folder)
     if not os.path.lexists(path):
         return path
@@ -134,16 +141,6 @@ def check_parents(path: Path, named: Path) -> None:
     for folder in (parent, path):
         if folder.is_dir() and not os.access(folder, os.W_OK | os.X_OK):
             raise refusal(named, f"a place where nothing can be written ({folder})", "choose another output folder")
-
-
-def check_apart(output: Path, source: Path) -> None:
-    """Refuse an output that is an input, lies in one, or has one in it."""
-    out, read = output.resolve(), source.resolve()
-    do = "choose an output folder that lies apart from what is read"
-    if out == read or out in read.parents:
-        raise InputError(output, f"the input {source} in it", "an output apart from all inputs", do)
-    if read in out.parents:
-        raise InputError(output, f"an output inside the input {source}", "an output apart from all inputs", do)
 
 
 def check_contents(path: Path, by: str, kept: bool) -> None:
@@ -383,12 +380,9 @@ def locked_file(beside: Path, path: Path) -> int:
             except OSError:
                 holder = os.read(descriptor, 1000).decode(errors="replace").strip()
                 os.close(descriptor)
-                raise InputError(
-                    path,
-                    f"another run that writes here: {holder or 'it did not say which'}",
-                    "one run at a time",
-                    "wait for it, or choose another output folder",
-                ) from None
+                found = f"another run that writes here: {holder or 'it did not say which'}"
+                do = "wait for it, or choose another output folder"
+                raise InputError(path, found, "one run at a time", do) from None
         if beside.exists() and os.path.samestat(os.fstat(descriptor), beside.stat()):
             break
         os.close(descriptor)  # the run that held it has just ended and removed it

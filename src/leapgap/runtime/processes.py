@@ -6,13 +6,15 @@ And what else a command needs of its process: printing to any terminal.
 import contextlib
 import ctypes
 import io
+import math
 import os
+import re
 import shutil
 import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -110,15 +112,6 @@ def watch_parent(parent: int) -> None:
     os._exit(STOPPED)
 
 
-def end_workers() -> None:
-    """End the processes that this one has started, where they can be listed; the tracker of shared memory stays."""
-    for listed in Path("/proc/self/task").glob("*/children"):
-        for pid in map(int, listed.read_text().split()):
-            with contextlib.suppress(OSError):
-                if b"resource_tracker" not in Path(f"/proc/{pid}/cmdline").read_bytes():
-                    os.kill(pid, signal.SIGKILL)
-
-
 def open_closed_streams() -> None:
     """Give a process whose output or error stream is closed one that leads nowhere.
 
@@ -168,7 +161,12 @@ class InterruptGuard:
         if not self._ended.acquire(blocking=False):
             return  # another thread is at it
         line = self.line()
-        end_workers()
+        # End the processes that this one has started, where they can be listed; the tracker of shared memory stays
+        for listed in Path("/proc/self/task").glob("*/children"):
+            for pid in map(int, listed.read_text().split()):
+                with contextlib.suppress(OSError):
+                    if b"resource_tracker" not in Path(f"/proc/{pid}/cmdline").read_bytes():
+                        os.kill(pid, signal.SIGKILL)
         with contextlib.suppress(OSError, ValueError, RuntimeError):  # of one who prints at this moment
             sys.stdout.flush()
         for path in list(TEMPORARY):
@@ -187,3 +185,76 @@ class InterruptGuard:
             pass
         time.sleep(WAIT_S)
         self.end()
+
+
+SILENCE_S = 60.0
+"""Time without a line after which one is said, and again after each further such time."""
+STEP = re.compile(r"step (\d+) of (\d+)\b")
+"""How a line begins that says which step begins."""
+Begins = Mapping[int, tuple[float, float]]
+"""Least and largest share of the whole time that has passed when a step begins, by its number."""
+
+
+@contextmanager
+def still_running(
+    tell: Callable[[str], None],
+    begins: Begins | None = None,
+    silence_s: float = SILENCE_S,
+    clock: Callable[[], float] = time.monotonic,
+) -> Iterator[Callable[[str], None]]:
+    """``tell`` that also says how long this block has run, and about how much longer it will.
+
+    It says so at each line ``step k of n``, and wherever ``silence_s`` pass without a line. The estimate is the time
+    that has passed, divided by the share of the whole that ``begins`` has for the step; there is none for a step that
+    it has not. Without ``begins``, steps are equally long.
+    """
+    began, lock, over = clock(), threading.Lock(), threading.Event()
+    last, shortest, longest = began, 0.0, 0.0
+
+    def timed(line: str) -> str:
+        passed = clock() - began
+        more = remaining(shortest - passed, longest - passed)
+        return f"{line}; {in_words(passed)} so far{more}"
+
+    def said(line: str) -> None:
+        nonlocal last, shortest, longest
+        with lock:
+            last = clock()
+            step = STEP.match(line)
+            if step and step[1] != "1":
+                k, steps = int(step[1]), int(step[2])
+                equal = (k - 1) / steps
+                least, most = (equal, equal) if begins is None else begins.get(k, (math.inf, math.inf))
+                shortest, longest = (last - began) / most, (last - began) / least
+                line = timed(line)
+            tell(line)
+
+    def watch() -> None:
+        while not over.wait(max(0.01, last + silence_s - clock())):
+            if clock() - last >= silence_s:
+                said(timed("still running"))
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield said
+    finally:
+        over.set()
+        watcher.join()
+
+
+def remaining(least_s: float, most_s: float) -> str:
+    """Words for the time that remains; none where more has passed than was expected."""
+    if most_s <= 0:
+        return ""
+    least, most = in_words(least_s), in_words(most_s)
+    if least_s <= 0:
+        return f", up to {most} more"
+    return f", about {most} more" if least == most else f", about {least} to {most} more"
+
+
+def in_words(time_s: float) -> str:
+    """A time as a person says it: ``40 s``, ``3 min``."""
+    if time_s < 10:
+        return f"{max(1, round(time_s))} s"
+    return f"{5 * round(time_s / 5)} s" if time_s < 95 else f"{time_s / 60:.0f} min"

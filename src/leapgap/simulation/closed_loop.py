@@ -17,11 +17,49 @@ from leapgap.logs.schema import COMMANDS, PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, POSITION_SLICE, QUATERNION_SLICE, VELOCITY_SLICE, Motion
 from leapgap.simulation.controller import Command, Controller, StateEstimate
-from leapgap.simulation.disturbance import Disturbance, disturb
 from leapgap.simulation.open_loop import PreparedRun, log_of
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import NoiseRows, SensorNoise
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """One action on the base of a robot that faces along the world's x axis."""
+
+    begin_s: float
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Sudden change of forward velocity and of upward velocity, m/s, and of pitch rate, rad/s, at ``begin_s``."""
+    force_n: tuple[float, float] = (0.0, 0.0)
+    """Constant forward and upward force on the base's centre of mass from ``begin_s`` on, N."""
+    duration_s: float = 0.0
+    """How long the force lasts."""
+
+    def __str__(self) -> str:
+        """Its parts that are not zero, with units, and when: ``+0.2 m/s at 0.3 s``, ``-45 N from 0.3 to 0.4 s``."""
+        names = ("m/s", "m/s upward", "rad/s")
+        kicks = [f"{value:+g} {name}" for value, name in zip(self.velocity, names, strict=True) if value]
+        pushes = [f"{value:+g} {name}" for value, name in zip(self.force_n, ("N", "N upward"), strict=True) if value]
+        said = [f"{', '.join(kicks)} at {self.begin_s:g} s"] if kicks else []
+        said += [f"{', '.join(pushes)} from {self.begin_s:g} to {self.begin_s + self.duration_s:g} s"] if pushes else []
+        return ", ".join(said)
+
+
+def disturb(
+    model: mujoco.MjModel, data: mujoco.MjData, base: int, actions: Sequence[Disturbance], time_s: float
+) -> None:
+    """Apply to a free base what acts from ``time_s`` until the next step of the simulation."""
+    half = model.opt.timestep / 2
+    force = np.zeros(3)
+    for action in actions:
+        if abs(time_s - action.begin_s) < half:
+            forward, up, pitch_rate = action.velocity
+            data.qvel[[0, 2]] += forward, up
+            data.qvel[ANGULAR_VELOCITY_SLICE][1] += pitch_rate
+        if -half <= time_s - action.begin_s < action.duration_s - half:
+            force[[0, 2]] += action.force_n
+    data.xfrc_applied[base, :3] = force
+
 
 ROUNDING = 1e-6
 """Tolerance on a number of control periods, so that rounding does not add one to a whole number."""
@@ -129,7 +167,10 @@ class Plant:
     def send(self, command: Command) -> None:
         """Apply a command for one control period."""
         self.sent.append(command)
-        self._set_gains(command)
+        gains = command.kp.tobytes(), command.kd.tobytes()  # compared in a tenth of the time of the arrays
+        if gains != self.gains:
+            self.drive.set_joint_pd(self.model, self.robot, command.kp, command.kd)
+            self.gains = gains
         commands, (kp, kd) = self._arriving(), self.drive.gains(command.kp, command.kd)
         control = commands.torque[-1] + kp * commands.position[-1] + kd * commands.velocity[-1]
         for effect in self.effects_by_velocity:
@@ -141,7 +182,11 @@ class Plant:
             for effect in self.effects_by_load:
                 effect.put_controls(self.data.ctrl[None], load, self.model, self.robot)
         if len(self.truth) == 1:
-            self._start_motors()
+            # Let motors with a state of their own start at what is asked of them first
+            model, ends = self.model, np.cumsum([1, self.model.nq, self.model.nv])
+            if model.na or model.nq > self.robot.model.nq:
+                start = self.replayer.full_state(self.trial, model, self.data.ctrl[None])
+                _, self.data.qpos[:], self.data.qvel[:], self.data.act[:] = np.split(start, ends)
         mujoco.mj_step(self.model, self.data, self.substeps)
         self.truth.append(self.state)
 
@@ -152,22 +197,9 @@ class Plant:
         torque = np.clip(control - kp * position - kd * velocity, -limits, limits) * self.drive.gain
         return Load(torque[None], velocity[None], float(self.model.opt.timestep))
 
-    def _start_motors(self) -> None:
-        """Let motors with a state of their own start at what is asked of them first."""
-        model, ends = self.model, np.cumsum([1, self.model.nq, self.model.nv])
-        if model.na or model.nq > self.robot.model.nq:
-            start = self.replayer.full_state(self.trial, model, self.data.ctrl[None])
-            _, self.data.qpos[:], self.data.qvel[:], self.data.act[:] = np.split(start, ends)
-
     def disturb(self, actions: Sequence[Disturbance], time_s: float) -> None:
         """Apply the disturbances that act at a time; the next ``send`` simulates them."""
         disturb(self.model, self.data, self.robot.base_body, actions, time_s)
-
-    def _set_gains(self, command: Command) -> None:
-        gains = command.kp.tobytes(), command.kd.tobytes()  # compared in a tenth of the time of the arrays
-        if gains != self.gains:
-            self.drive.set_joint_pd(self.model, self.robot, command.kp, command.kd)
-            self.gains = gains
 
     def _arriving(self) -> Commands:
         """The newest commands as they reach the joints."""

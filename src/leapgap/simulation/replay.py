@@ -22,8 +22,7 @@ from leapgap.robot.model_sensors import sensor_addresses
 from leapgap.robot.motion import QUATERNION_SLICE, Motion
 from leapgap.simulation.rollout import Rollout, Starts, joint_gains
 from leapgap.simulation.rollout_models import RolloutModels
-from leapgap.simulation.trial_log import without_warnings
-from leapgap.simulation.working_models import WorkingModel
+from leapgap.simulation.working_models import WorkingModel, without_warnings
 
 FINER = 0.255
 """Largest step of the finer of two replays, as a share of the usual one, by which the effect of the step is known."""

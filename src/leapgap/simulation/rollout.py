@@ -1,13 +1,15 @@
 """One replay as data: a log, the effects to add, where it starts, and what the log commands."""
 
 import itertools
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import mujoco
 import numpy as np
 
-from leapgap.effects.base import Effect, overriding
+from leapgap.effects.base import Effect, overriding, recompute_constants
+from leapgap.effects.bodies import add_mass, links_at, square_to
 from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot
@@ -106,3 +108,32 @@ class Starts:
         if self.course is None:
             return None
         return self.states + self.course([row * self.stride for row in self.rows], rows * self.stride)
+
+
+LOAD = "load"
+"""Key of a log's metadata."""
+
+
+def put_loads(model: mujoco.MjModel, log: Log, robot: Robot) -> None:
+    """Put the loads of a log into a model that the caller owns and that has all effects already."""
+    stated: Mapping[str, float] = log.info.extra.get(LOAD, {})
+    for joint, mass in stated.items():
+        for link in links_at(robot, joint):
+            add_point_mass(model, int(link), float(mass), robot.model.body_ipos[link])
+    if stated:
+        recompute_constants(model)
+
+
+def add_point_mass(model: mujoco.MjModel, body: int, mass: float, at: np.ndarray) -> None:
+    """Add a point mass, kg, at a place in the axes of a body, m, (3,)."""
+    away = at - model.body_ipos[body]
+    add_mass(model, body, mass, mass * away, mass * square_to(away))
+
+
+def with_loads(model: mujoco.MjModel, log: Log, robot: Robot) -> mujoco.MjModel:
+    """A model with the loads of a log; the model itself where it states none."""
+    if LOAD not in log.info.extra:
+        return model
+    own = model.__copy__()
+    put_loads(own, log, robot)
+    return own

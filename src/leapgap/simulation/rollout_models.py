@@ -20,10 +20,8 @@ from leapgap.robot.model_sensors import add_sensors
 from leapgap.robot.motion import Motion
 from leapgap.robot.rotors import carried_torque, rest_rotors
 from leapgap.robot.terrain import Box
-from leapgap.simulation.known_loads import LOAD, put_loads
-from leapgap.simulation.rollout import Rollout, joint_commands, torques_by_velocity
-from leapgap.simulation.trial_log import without_warnings
-from leapgap.simulation.working_models import WorkingModel, WorkingModels
+from leapgap.simulation.rollout import LOAD, Rollout, joint_commands, put_loads, torques_by_velocity
+from leapgap.simulation.working_models import WorkingModel, WorkingModels, without_warnings
 
 LARGEST_STEP_S = 0.0011
 """Largest step of the simulation, s; that of the model file where it is shorter."""
@@ -90,19 +88,13 @@ class RolloutModels:
             return
         passive = sorted(foreign & set(self.robot.joints))
         if passive and not missing and set(passive) == foreign:
-            raise InputError(
-                log.name,
-                f"commands of {', '.join(passive)}",
-                f"commands of {', '.join(driven)}: {self.robot.name} has no actuator at the other joints",
-                "add the actuators to the model, or leave out the columns of the commands",
-            )
+            expected = f"commands of {', '.join(driven)}: {self.robot.name} has no actuator at the other joints"
+            do = "add the actuators to the model, or leave out the columns of the commands"
+            raise InputError(log.name, f"commands of {', '.join(passive)}", expected, do)
         if missing or foreign:
-            raise InputError(
-                log.name,
-                f"joints {', '.join(sorted(foreign)) or 'fewer'} and no {', '.join(sorted(missing)) or '–'}",
-                f"the joints of {self.robot.name}: {', '.join(driven)}",
-                "name the model these logs were made with, or rename the columns",
-            )
+            found = f"joints {', '.join(sorted(foreign)) or 'fewer'} and no {', '.join(sorted(missing)) or '–'}"
+            do = "name the model these logs were made with, or rename the columns"
+            raise InputError(log.name, found, f"the joints of {self.robot.name}: {', '.join(driven)}", do)
 
     def model(self, trial: Rollout, row: int = 0) -> mujoco.MjModel:
         """The trial's own model: terrain of the log, joint gains of a row, period, motors, then its effects."""
@@ -145,12 +137,8 @@ class RolloutModels:
         """The bare robot on the log's terrain with the parts its effects need."""
         terrain = trial.log.info.terrain
         if len(terrain) > self.slots:
-            raise InputError(
-                trial.log.name,
-                f"{len(terrain)} boxes of terrain",
-                f"at most {self.slots}",
-                "make the replayer with more terrain slots",
-            )
+            do = "make the replayer with more terrain slots"
+            raise InputError(trial.log.name, f"{len(terrain)} boxes of terrain", f"at most {self.slots}", do)
         with self.compiling:
             if terrain not in self.specs:
                 self.specs[terrain] = self.robot.spec_on_terrain(terrain, slots=self.slots)
@@ -243,15 +231,12 @@ class RolloutModels:
         misread = (self.measure(trial, measured).qpos - measured.qpos)[:, robot.joint_qpos]  # biases of encoders
         position = (measured.qpos[:, robot.joint_qpos] - misread)[row]
         velocity = measured.qvel[row][:, robot.joint_dofs]
-        drive, (kp, kd) = self.drive(trial), self._gains(trial, row)
+        sent = (joint_commands(trial.log, self.robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
+        drive = self.drive(trial)
+        kp, kd = drive.gains(*sent)
         torque = asked - kp * position - kd * velocity
         limits = drive.torque_limits(robot) if limited else np.inf
         return Load(np.clip(torque, -limits, limits) * drive.gain, velocity, trial.period_s / self.substeps(log))
-
-    def _gains(self, trial: Rollout, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gains kp and kd of the joint PD that act in periods, (periods, joints), by the log's ``row`` in each."""
-        sent = (joint_commands(trial.log, self.robot, gain)[row] for gain in ("cmd_kp", "cmd_kd"))
-        return self.drive(trial).gains(*sent)
 
     def measure(self, trial: Rollout, motion: Motion, steps: np.ndarray | None = None) -> Motion:
         """A true motion as the sensors of the trial's robot report it.

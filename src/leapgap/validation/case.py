@@ -29,18 +29,19 @@ from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import SensorNoise
 from leapgap.validation.case_draw import Case
 from leapgap.validation.generator import (
+    USUAL,
     Effects,
     GeneratedJump,
     Generator,
     Nuisance,
     NuisanceSizes,
+    Physics,
     generate_jumps,
-    planned_rows,
+    physics_of,
 )
 from leapgap.validation.off_table import family
 from leapgap.validation.outcome import CLOCK, DETECTABLE_FLOORS
-from leapgap.validation.physics import USUAL, Physics, physics_of
-from leapgap.validation.uneven_rows import ClockFamily, UnevenRows, draw_timings
+from leapgap.validation.uneven_rows import ClockFamily, UnevenRows
 
 CLOCK_SEED = 2
 """Distinguishes the generator of the rows from others of the same case."""
@@ -112,9 +113,8 @@ def withhold(case: Case, references: Sequence[Log], robot: Robot, setup: CaseSet
     ]
     generator = Generator(robot, terrain_slots=1, step_s=physics.step_s or setup.step_s)
     own: list[Effects] = [(nuisance, *(scatter_effect(e, s, robot) for e in case.effects)) for s in scatter]
-    rows = [planned_rows(plan, setup.course) for plan in plans]
-    timings = draw_timings(case.clock, rows, robot, np.random.default_rng([case.seed, CLOCK_SEED]))
-    generated = generate_jumps(plans, own, generator, setup.noise, setup.course, noise_rng, timings)
+    clock_seed = (case.seed, CLOCK_SEED)
+    generated = generate_jumps(plans, own, generator, setup.noise, setup.course, noise_rng, case.clock, clock_seed)
     diagnosed = generated[: setup.jumps]
     rows_of = [() if jump.rows is None else (jump.rows,) for jump in generated]
     own = [(e[0], *rows_of_jump, *e[1:]) for e, rows_of_jump in zip(own, rows_of, strict=True)]
@@ -297,9 +297,8 @@ def further_logs(
     own: list[Effects] = [(nuisance, *(scatter_effect(e, s, robot) for e in acting)) for s in scatter]
     slots = 1 + max((len(plan.reference.info.terrain) for plan in plans), default=0)
     generator = Generator(robot, terrain_slots=slots, step_s=physics.step_s or setup.step_s)
-    rows = [planned_rows(plan, setup.course) for plan in plans]
-    timings = draw_timings(family_of_rows, rows, robot, np.random.default_rng([seed, 1, CLOCK_SEED]))
-    return [jump.log for jump in generate_jumps(plans, own, generator, setup.noise, setup.course, rng, timings)]
+    timing = family_of_rows, (seed, 1, CLOCK_SEED)
+    return [jump.log for jump in generate_jumps(plans, own, generator, setup.noise, setup.course, rng, *timing)]
 
 
 def proposed_logs(

@@ -5,14 +5,14 @@ errors (``Nuisance``). Every jump is stepped on its own, so that an off-table ef
 on its terrain and then jumps, in one run.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from leapgap.effects.base import Effect, recompute_constants
-from leapgap.effects.contact import foot_geoms
+from leapgap.effects.contacts import foot_geoms
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -31,8 +31,70 @@ from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import NoiseRows, SensorNoise
 from leapgap.validation.off_table.base import OffTableEffect, Process
-from leapgap.validation.physics import USUAL, Physics
-from leapgap.validation.uneven_rows import Timing, UnevenRows, uneven_rows, written_log
+from leapgap.validation.uneven_rows import ClockFamily, UnevenRows, limbs_of, uneven_rows, written_log
+
+
+@dataclass(frozen=True)
+class Physics:
+    """How the generating simulation differs from the diagnosing one."""
+
+    name: str
+    integrator: mujoco.mjtIntegrator
+    impedance: tuple[float, float, float]
+    """First numbers of MuJoCo's ``solimp`` of the feet: impedance at the surface and below, width, m."""
+    step_s: float | None = None
+    """Time step; None: that of the setup."""
+    cone: mujoco.mjtCone | None = None
+    """Friction cone; None: that of the model."""
+    friction_impedance: float | None = None
+    """MuJoCo's ``impratio``; None: that of the model."""
+    contact_time: float = 1.0
+    """Factor on the time constant of the feet's contacts; below one they are stiffer."""
+    accepted: tuple[str, ...] = ()
+    """Effects that a diagnosis may name besides, since this physics has them."""
+
+    def change_model(self, model: mujoco.MjModel, feet: np.ndarray) -> None:
+        """Put the physics into a model; ``feet`` are the geoms of the feet."""
+        model.geom_solref[feet, 0] *= self.contact_time
+        model.geom_solimp[feet, :3] = self.impedance
+        model.opt.integrator = int(self.integrator)
+        if self.cone is not None:
+            model.opt.cone = int(self.cone)
+        if self.friction_impedance is not None:
+            model.opt.impratio = self.friction_impedance
+
+
+INTEGRATOR, CONE = mujoco.mjtIntegrator, mujoco.mjtCone
+USUAL = Physics("usual", INTEGRATOR.mjINT_EULER, (0.88, 0.955, 0.0012))
+"""That of every case whose kind asks for no other."""
+IMPLICIT = Physics("implicit", INTEGRATOR.mjINT_IMPLICIT, USUAL.impedance)
+"""That of robots whose diagnosing simulation uses Euler's method, as the usual one does."""
+OTHERS: Mapping[str, Physics] = {
+    physics.name: physics
+    for physics in (
+        Physics("pyramidal", INTEGRATOR.mjINT_IMPLICIT, (0.9, 0.95, 0.001), 0.0005, CONE.mjCONE_PYRAMIDAL, 10.0),
+        Physics("discrete", INTEGRATOR.mjINT_DISCRETE, (0.85, 0.97, 0.002), 0.0002, CONE.mjCONE_ELLIPTIC, 20.0),
+        Physics(
+            "stiff",
+            INTEGRATOR.mjINT_RK4,
+            (0.95, 0.99, 0.0005),
+            0.000125,
+            CONE.mjCONE_ELLIPTIC,
+            contact_time=0.3,
+            accepted=("foot_compliance",),
+        ),
+    )
+}
+"""Physics that are unlike the diagnosing one in other ways, by name."""
+
+
+def physics_of(name: str) -> Physics:
+    """The physics of this name; an unknown name is an ``InputError``."""
+    known = {USUAL.name: USUAL, IMPLICIT.name: IMPLICIT, **OTHERS}
+    if name not in known:
+        raise InputError("withhold", f"physics {name}", f"one of {', '.join(known)}", "correct the name")
+    return known[name]
+
 
 Effects = tuple[Effect, ...]
 
@@ -111,7 +173,8 @@ class Generator(Replayer):
         start = self.full_state(trial, model, control)
         ends = np.cumsum([1, model.nq, model.nv])
         _, data.qpos[:], data.qvel[:], data.act[:] = np.split(start, ends)
-        processes = self._processes(trial, model)
+        made = [e.process(model, self.robot, trial.log) for e in trial.effects if isinstance(e, OffTableEffect)]
+        processes = [process for process in made if process is not None]
         data.ctrl[:] = control[0]
         mujoco.mj_forward(model, data)
         qpos, qvel = np.empty((rows, nq)), np.empty((rows, nv))
@@ -120,7 +183,11 @@ class Generator(Replayer):
         lengths = self.row_lengths(trial, rows)
         for row in range(1, rows):
             data.ctrl[:] = control[row - 1]
-            step(model, data, processes, set_steps(lengths[row - 1], whole, substeps, model))
+            # Number of steps of a row of ``length`` periods of ``substeps`` steps of ``step_s`` each
+            length = lengths[row - 1]
+            steps = int(np.ceil(length * substeps - 1e-9))
+            model.opt.timestep = whole if steps in (0, length * substeps) else whole * length * substeps / steps
+            step(model, data, processes, steps)
             qpos[row], qvel[row] = data.qpos[:nq], data.qvel[:nv]
         if not (np.isfinite(qpos).all() and np.isfinite(qvel).all()):
             raise InputError(trial.log.name, "a motion that is not finite", "a stable motion", "draw smaller effects")
@@ -133,20 +200,6 @@ class Generator(Replayer):
             if isinstance(effect, UnevenRows):
                 lengths = effect.change_rows(lengths)
         return lengths
-
-    def _processes(self, trial: Rollout, model: mujoco.MjModel) -> list[Process]:
-        processes = [e.process(model, self.robot, trial.log) for e in trial.effects if isinstance(e, OffTableEffect)]
-        return [process for process in processes if process is not None]
-
-
-def set_steps(length: float, step_s: float, substeps: int, model: mujoco.MjModel) -> int:
-    """Number of steps of a row of ``length`` periods of ``substeps`` steps of ``step_s`` each.
-
-    The model's step is shortened so that they last just as long as the row.
-    """
-    steps = int(np.ceil(length * substeps - 1e-9))
-    model.opt.timestep = step_s if steps in (0, length * substeps) else step_s * length * substeps / steps
-    return steps
 
 
 def step(model: mujoco.MjModel, data: mujoco.MjData, processes: Sequence[Process], steps: int) -> None:
@@ -180,58 +233,30 @@ def generate_jumps(
     noise: SensorNoise,
     course: Course,
     rng: np.random.Generator,
-    timings: Sequence[Timing | None] | None = None,
+    clock: ClockFamily | None = None,
+    clock_seed: Sequence[int] = (),
 ) -> list[GeneratedJump]:
-    """Simulate each planned jump with the effects, and where it has one with the timing of its own."""
-    of_plans = timings or [None] * len(plans)
-    return [
-        generate_jump(plan, own, generator, noise, course, rng, timing)
-        for plan, own, timing in zip(plans, effects, of_plans, strict=True)
-    ]
-
-
-def planned_rows(plan: MotionPlan, course: Course) -> int:
-    """Number of rows of a planned jump."""
-    return len(extend_reference(plan.reference, course))
-
-
-def generate_jump(
-    plan: MotionPlan,
-    effects: Effects,
-    generator: Generator,
-    noise: SensorNoise,
-    course: Course,
-    rng: np.random.Generator,
-    timing: Timing | None = None,
-) -> GeneratedJump:
-    """Let the robot stand and then jump in one run; only the jump is logged, by its timing."""
-    robot = generator.robot
-    jump = with_block(extend_reference(plan.reference, course), plan, robot, course)
-    still = hold_first_command(jump, course.settle_s)
-    standing = raise_front(generator.first_state(Rollout(still)), plan.block_height_m, robot)
-    standing = lift_out_of_ground(Rollout(still, effects), standing, generator)
-    whole = concatenate(still, jump)
-    acting = effects if timing is None else (*effects, held_rows(len(still), timing))
-    (motion,) = generator.motions([Rollout(whole, acting, first_state=standing)])
-    motion = Motion(motion.qpos[len(still) :], motion.qvel[len(still) :])
-    errors = NoiseRows.draw(noise, len(motion.qpos), len(robot.joints), rng)
-    noisy = errors.add_to(motion, robot)
-    if timing is None:
-        return GeneratedJump(log_of(plan.name, jump, noisy, robot), log_of(plan.name, jump, motion, robot))
-    rows, commanded = uneven_rows(timing), written_log(jump, timing)
-    shown = [rows.change_measured(own[timing.written], jump.info.sample_period_s, robot) for own in (noisy, motion)]
-    log, clean = (log_of(plan.name, commanded, own, robot) for own in shown)
-    return GeneratedJump(log, clean, rows)
-
-
-def held_rows(before: int, timing: Timing) -> UnevenRows:
-    """How long the rows of a jump are held, after so many rows of one period each."""
-    return UnevenRows(lengths=np.concatenate([np.ones(before), timing.held]))
-
-
-def concatenate(first: Log, second: Log) -> Log:
-    """The rows of the first log, then those of the second, on the clock of the second."""
-    period = second.info.sample_period_s
-    columns = {name: np.concatenate([first[name], values]) for name, values in second.columns.items()}
-    columns["time"] = np.arange(len(first) + len(second)) * period
-    return replace(second, columns=columns)
+    """Let the robot stand and then jump in one run a plan, with its effects; only the jump is logged, by a clock."""
+    robot, clock_rng, generated = generator.robot, np.random.default_rng(clock_seed), []
+    for plan, own in zip(plans, effects, strict=True):
+        jump = with_block(extend_reference(plan.reference, course), plan, robot, course)
+        timing = clock.draw(len(jump), len(limbs_of(robot)), clock_rng) if clock else None
+        still = hold_first_command(jump, course.settle_s)
+        standing = raise_front(generator.first_state(Rollout(still)), plan.block_height_m, robot)
+        standing = lift_out_of_ground(Rollout(still, own), standing, generator)
+        # The rows of the first log, then those of the second, on the clock of the second
+        period = jump.info.sample_period_s
+        columns = {name: np.concatenate([still[name], values]) for name, values in jump.columns.items()}
+        columns["time"] = np.arange(len(still) + len(jump)) * period
+        held = () if timing is None else (UnevenRows(lengths=np.concatenate([np.ones(len(still)), timing.held])),)
+        whole = Rollout(replace(jump, columns=columns), (*own, *held), first_state=standing)
+        (motion,) = generator.motions([whole])
+        motion = Motion(motion.qpos[len(still) :], motion.qvel[len(still) :])
+        shown = [NoiseRows.draw(noise, len(motion.qpos), len(robot.joints), rng).add_to(motion, robot), motion]
+        rows = None
+        if timing is not None:
+            rows, jump = uneven_rows(timing), written_log(jump, timing)
+            shown = [rows.change_measured(one[timing.written], period, robot) for one in shown]
+        log, clean = (log_of(plan.name, jump, one, robot) for one in shown)
+        generated.append(GeneratedJump(log, clean, rows))
+    return generated

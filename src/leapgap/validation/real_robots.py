@@ -15,11 +15,11 @@ from leapgap.diagnosis.report import Cause, ReportContent, round_floats
 from leapgap.errors import InputError
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.log import Log
+from leapgap.logs.metadata import runs_of
 from leapgap.logs.reading import read_foreign
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
-from leapgap.logs.segments import runs_of
-from leapgap.robot.menagerie import PREFIX, model_file
 from leapgap.robot.model import Robot
+from leapgap.robot.model_file import PREFIX, model_file
 from leapgap.simulation.corrected import MODEL, write_corrected
 
 Expected = Mapping[str, Mapping[str, Sequence[float]]]
@@ -169,7 +169,7 @@ def outcome_of(
 
     Where pushes were published, ``LEAST_FOUND`` of their impulse must be told and nothing else may be called a push.
     """
-    named = named_causes(report)
+    named = [cause for cause, names in zip(report.causes, report.answer, strict=False) if len(names) == 1]
     wrong = [] if case.expected is None else [one for one in named if not is_expected(one, case.expected)]
     closure = report.closure_of_answer
     asked = {effects.first_name(name) for name in case.asked} <= {effects.first_name(one.effect) for one in named}
@@ -228,14 +228,6 @@ def squared_errors(model: mujoco.MjModel, log: Log, half_edge_m: float) -> np.nd
         mujoco.mju_subQuat(turn, at[3:], data.qpos[3:7])
         found[row] = (np.square(at[:3] - data.qpos[:3]).sum() / half_edge_m) + turn @ turn
     return found
-
-
-def named_causes(report: ReportContent) -> list[Cause]:
-    """The causes of the answer that have no rival: they stand first among all that were judged.
-
-    A cause that cannot be told apart from another is no name.
-    """
-    return [cause for cause, names in zip(report.causes, report.answer, strict=False) if len(names) == 1]
 
 
 def is_expected(cause: Cause, expected: Expected) -> bool:

@@ -111,7 +111,22 @@ def scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng: np.rando
     """
     own = of_pipeline(outcomes)
     ordinary = [o for o in own if o.is_ordinary]
-    return {**ordinary_scores(ordinary, draws, bins, rng), **further_scores(own)}
+    # Scores of the further kinds of cases; a share of nothing is null
+    found: Scores = {}
+    for kind in ("uneven", "third", "too_high"):
+        these = [o for o in own if o.kind == kind]
+        found |= {f"{kind}_cases": len(these), f"{kind}_detectable": sum(o.detectable for o in these)}
+        found |= {name: one.share(these) for name, one in FURTHER_SHARES.items() if name.startswith(f"{kind}_")}
+    clocks = [o for o in own if o.clock is not None]
+    third = [o for o in own if o.physics is not None]
+    found["uneven_clock_first_by_family"] = {
+        family: share(o.clock_first for o in clocks if o.clock == family)
+        for family in sorted({str(o.clock) for o in clocks})
+    }
+    found["third_right_by_physics"] = {
+        name: share(o.right for o in third if o.physics == name) for name in sorted({str(o.physics) for o in third})
+    }
+    return {**ordinary_scores(ordinary, draws, bins, rng), **found}
 
 
 def verdict_counts(outcomes: Sequence[CaseOutcome]) -> dict[str, int]:
@@ -138,31 +153,17 @@ def plain_scores(outcomes: Sequence[CaseOutcome], bins: int) -> Scores:
     return {name: one["value"] if isinstance(one, dict) else one for name, one in found.items()}
 
 
-def further_scores(outcomes: Sequence[CaseOutcome]) -> Scores:
-    """Scores of the further kinds of cases; a share of nothing is null."""
-    found: Scores = {}
-    for kind in ("uneven", "third", "too_high"):
-        own = [o for o in outcomes if o.kind == kind]
-        found |= {f"{kind}_cases": len(own), f"{kind}_detectable": sum(o.detectable for o in own)}
-        found |= {name: one.share(own) for name, one in FURTHER_SHARES.items() if name.startswith(f"{kind}_")}
-    clocks = [o for o in outcomes if o.clock is not None]
-    third = [o for o in outcomes if o.physics is not None]
-    found["uneven_clock_first_by_family"] = {
-        family: share(o.clock_first for o in clocks if o.clock == family)
-        for family in sorted({str(o.clock) for o in clocks})
-    }
-    found["third_right_by_physics"] = {
-        name: share(o.right for o in third if o.physics == name) for name in sorted({str(o.physics) for o in third})
-    }
-    return found
-
-
 def ordinary_scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng: np.random.Generator) -> Scores:
     """All scores of the ordinary kinds of cases; a share of nothing is null."""
     singles, pairs = ([o for o in outcomes if applies(o)] for applies in (detectable_single, detectable_pair))
     compared = [c for o in singles + pairs for c in o.compared]
     shares = {name: condition.share(outcomes) for name, condition in SHARES.items()}
-    errors = closure_errors(outcomes)
+    # |promised − realised closure| of every claim on a detectable case
+    errors = [
+        abs(o.promised - o.realised)
+        for o in outcomes
+        if o.detectable and o.promised is not None and o.realised is not None
+    ]
     return {
         "cases": len(outcomes),
         "detectable": sum(o.detectable for o in outcomes),
@@ -192,15 +193,6 @@ def mean_overlap(outcomes: Iterable[CaseOutcome], least_floors: float) -> float 
         for o in outcomes
         if o.detectable and o.where_overlap is not None and o.change_floors >= least_floors
     )
-
-
-def closure_errors(outcomes: Iterable[CaseOutcome]) -> list[float]:
-    """|promised − realised closure| of every claim on a detectable case."""
-    return [
-        abs(o.promised - o.realised)
-        for o in outcomes
-        if o.detectable and o.promised is not None and o.realised is not None
-    ]
 
 
 def claims(outcomes: Iterable[CaseOutcome]) -> tuple[np.ndarray, np.ndarray]:

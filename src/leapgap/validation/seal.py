@@ -32,12 +32,9 @@ def open_truth(folder: Path, logs: Path, case: str) -> Mapping[str, Any]:
     truth = read_json(path)
     published = read_json(logs / SEALS).get(case)
     if published is None or seal(truth) != published:
-        raise InputError(
-            path,
-            f"a truth with the seal {seal(truth)[:12]}…",
-            f"the seal {str(published)[:12]}… that was published with the logs",
-            "the truth was changed after it was sealed: withhold and diagnose the cases again",
-        )
+        expected = f"the seal {str(published)[:12]}… that was published with the logs"
+        do = "the truth was changed after it was sealed: withhold and diagnose the cases again"
+        raise InputError(path, f"a truth with the seal {seal(truth)[:12]}…", expected, do)
     check_files(truth["logs"], logs / case)
     check_files(truth.get("model", {}), logs / case)
     check_files(truth["proof"], folder / case)

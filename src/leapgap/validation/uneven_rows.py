@@ -5,14 +5,14 @@ which rows show the sample of the row before. The simulation then runs on these 
 diagnosis finds a clock.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
-from leapgap.logs.segments import Segment
+from leapgap.logs.metadata import Segment
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.validation.off_table.base import OffTableEffect
@@ -173,12 +173,3 @@ class ClockFamily:
     def draw(self, rows: int, limbs: int, rng: np.random.Generator) -> Timing:
         """The timing of one log of so many planned rows."""
         return FAMILIES[self.name](Timing.even(rows, limbs), rng, **self.sizes)
-
-
-def draw_timings(
-    family: ClockFamily | None, rows: Sequence[int], robot: Robot, rng: np.random.Generator
-) -> list[Timing | None]:
-    """A timing for each log of so many planned rows; None where the rows are what they claim."""
-    if family is None:
-        return [None] * len(rows)
-    return [family.draw(number, len(limbs_of(robot)), rng) for number in rows]

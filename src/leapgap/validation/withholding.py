@@ -13,9 +13,8 @@ from leapgap.runtime.atomic_io import sha256, write_json, write_text
 from leapgap.runtime.executor import Executor
 from leapgap.simulation.open_loop import Course
 from leapgap.validation.case import CaseSetup, published_case, withhold, write_case
-from leapgap.validation.case_draw import Case, Half, Sizes, draw_ordinary_cases
+from leapgap.validation.case_draw import Case, Half, OwnNumbers, Sizes, draw_ordinary_cases
 from leapgap.validation.motions.base import PlannedMotion
-from leapgap.validation.own_numbers import OwnNumbers
 from leapgap.validation.owners.cases import OwnersCase, write_owners_case
 from leapgap.validation.seal import PUBLISHED, SEALS, seal
 

@@ -5,11 +5,10 @@ import osqp
 import torch
 from scipy import sparse
 
-from leapgap.jumping.control.horizon import Horizon, horizon
-from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.control.start_frame import StartFrame
+from leapgap.jumping.control.condensed_qp import Horizon, horizon
+from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
+from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.models.affine_model import Situation, columns
 from leapgap.jumping.models.rigid_body import GRAVITY
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, per_axis

@@ -6,9 +6,12 @@ from itertools import pairwise
 import numpy as np
 
 from leapgap.jumping.control.inference import ExportedModel, Perceptron, Phase
-from leapgap.jumping.learning.deviation_ensemble import DeviationNetworks
-from leapgap.jumping.learning.deviation_recipe import DeviationTask
-from leapgap.jumping.learning.models.deviation_networks import DeviationNetworksConfig, initial_networks
+from leapgap.jumping.learning.models.residual_networks import (
+    DeviationNetworks,
+    DeviationNetworksConfig,
+    initial_deviation_networks,
+)
+from leapgap.jumping.learning.recipe import DeviationTask
 from leapgap.jumping.learning.windows import Purpose, TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation, rows, selection
 from leapgap.jumping.models.rigid_body import GRAVITY
@@ -99,4 +102,4 @@ def as_perceptron(net: Layers, outputs: slice, scale: float) -> Perceptron:
 def along_plan() -> DeviationNetworks:
     """Networks of the size of the learned MPC's, three members of 64 units a mode, with random weights."""
     config = DeviationNetworksConfig()
-    return initial_networks(DeviationTask((), A1_BODY), config, 1.2, np.random.default_rng(0))
+    return initial_deviation_networks(DeviationTask((), A1_BODY), config, 1.2, np.random.default_rng(0))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.task import schedule_of, target_of
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.control.sudden_change import CalmMotion
+from leapgap.jumping.control.goal_shift_mpc import CalmMotion
+from leapgap.jumping.control.qp import Qp, QpSolution
+from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.rigid_body import PITCH, PITCH_RATE, VX, VZ, RigidBody, X, Z, advance
 from leapgap.jumping.task import ContactSchedule
@@ -87,3 +88,18 @@ def unchanging(updates: int, share: float) -> CalmMotion:
     stays = np.vstack([np.zeros(10), np.eye(10)])
     spread = share * np.array([0.01, 0.01, 0.04, 0.1, 0.1, 0.4, *[0.01] * 4])
     return CalmMotion(np.tile(stays, (updates, 1, 1)), np.tile(np.diag(spread**-2.0), (updates, 1, 1)))
+
+
+def cost(qp: Qp, x: np.ndarray) -> float:
+    """½ xᵀ H x + fᵀ x."""
+    return float(x @ (0.5 * (qp.hessian @ x) + qp.gradient))
+
+
+def duality_gap(solution: QpSolution) -> float:
+    """|primal − dual cost|: xᵀ H x + fᵀ x + upperᵀ (dual)⁺ − lowerᵀ (dual)⁻."""
+    qp, dual = solution.problem, solution.dual
+    upper = np.concatenate([qp.upper, qp.row_upper])
+    lower = np.concatenate([qp.lower, np.full(len(qp.row_upper), -np.inf)])
+    held = np.where(dual > 0, upper, np.where(dual < 0, lower, 0.0))
+    support = float(np.sum(held[dual != 0] * dual[dual != 0]))
+    return abs(float(solution.x @ (qp.hessian @ solution.x) + qp.gradient @ solution.x) + support)

@@ -10,24 +10,17 @@ import numpy as np
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.control import compiled_planner, compiler, dual_qp, first_step_model, leg_chains
+from leapgap.jumping.control import compiled_planner, compiler, inference, leg_kinematics
 from leapgap.jumping.control.compiled_planner import CompiledPlanner
 from leapgap.jumping.control.condensed_qp import ForceLimits
-from leapgap.jumping.control.first_step_model import CompiledSum, first_step
-from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements
-from leapgap.jumping.control.inference import ExportedModel, Perceptron, Phase, kernel
-from leapgap.jumping.control.leg_chains import CompiledLegs
-from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.mpc import ForcePlanner
-from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.control.mpc_controller import JumpMpc
-from leapgap.jumping.control.qp import FAILED, OUT_OF_TIME
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.control.start_frame import StartFrame
+from leapgap.jumping.control.inference import CompiledSum, ExportedModel, Perceptron, Phase, first_step, kernel
+from leapgap.jumping.control.leg_kinematics import CompiledLegs, LegKinematics, StartFrame
+from leapgap.jumping.control.mpc import ForcePlanner, JumpMpc, MpcConfig
+from leapgap.jumping.control.qp import FAILED, NOT_FINITE, OUT_OF_TIME, SolutionRequirements
+from leapgap.jumping.control.tracking import PhaseGains, Reference
 from leapgap.jumping.learning.windows import Purpose, TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
-from leapgap.jumping.models.rigid_body_model import RigidBodyModel
+from leapgap.jumping.models.rigid_body import RigidBodyModel
 from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import per_axis
@@ -155,7 +148,7 @@ def test_compiled_rigid_body_is_the_rigid_body() -> None:
 def test_wide_layers_of_16_bits_change_forces_by_less_than_a_hundredth_of_a_newton(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(first_step_model, "WIDE", 1)
+    monkeypatch.setattr(inference, "WIDE", 1)
     model, rng = learned((30, 25), (15, 18)), np.random.default_rng(2)
     compiled = first_step(model)
     assert isinstance(compiled, CompiledSum)
@@ -171,7 +164,7 @@ def test_wide_layers_of_16_bits_change_forces_by_less_than_a_hundredth_of_a_newt
 def test_tanh_is_that_of_the_library() -> None:
     values = np.concatenate([np.linspace(-12, 12, 4001), [0.0, 1e-6, -80.0, 1e30]]).astype(np.float32)
     expected = np.tanh(values.astype(float))
-    first_step_model.squash(values)
+    inference.squash(values)
     assert values == pytest.approx(expected, abs=3e-7)
 
 
@@ -220,7 +213,12 @@ def test_arrays_of_any_layout_are_taken(robot: Robot) -> None:
 
 def compilations() -> int:
     """How many versions of the compiled functions there are; 0 without numba."""
-    called = (leg_chains.follow_chains, leg_chains.measure_plane, dual_qp.solve_update, first_step_model.add_up)
+    called = (
+        leg_kinematics.follow_chains,
+        leg_kinematics.measure_plane,
+        compiled_planner.solve_update,
+        inference.add_up,
+    )
     return sum(len(getattr(function, "signatures", ())) for function in called)
 
 

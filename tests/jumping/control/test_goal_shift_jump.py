@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker
-from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
-from leapgap.jumping.control.guarded_solve import NOT_FINITE
-from leapgap.jumping.control.reference import Reference
+from leapgap.jumping.control.goal_shift_mpc import CalmMotion, GoalShiftConfig
+from leapgap.jumping.control.qp import NOT_FINITE
 from leapgap.jumping.control.shifted_plan import QUANTITIES, ShiftedPlan
-from leapgap.jumping.control.sudden_change import CalmMotion
+from leapgap.jumping.control.tracking import PhaseGains, Reference
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate

@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPlanner
+from leapgap.jumping.control.goal_shift_mpc import CalmMotion, GoalShiftConfig, GoalShiftPlanner
 from leapgap.jumping.control.qp import QpConfig, solver
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.shifted_plan import QUANTITIES, ShiftedPlan
-from leapgap.jumping.control.sudden_change import CalmMotion
+from leapgap.jumping.control.shifted_plan import QUANTITIES, ShiftedPlan, ShiftGrid
+from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot

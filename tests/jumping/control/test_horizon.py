@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from leapgap.jumping.control.horizon import horizon
+from leapgap.jumping.control.condensed_qp import horizon
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.task import ContactSchedule
 

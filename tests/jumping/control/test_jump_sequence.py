@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements
-from leapgap.jumping.control.jump_sequence import JumpSequence, SequenceConfig
-from leapgap.jumping.control.landing import LandingConfig, LandingMpc, standing_force
+from leapgap.jumping.control.jump_sequence import (
+    JumpSequence,
+    LandingConfig,
+    LandingMpc,
+    SequenceConfig,
+    standing_force,
+)
 from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.control.mpc_controller import JumpMpc
-from leapgap.jumping.control.qp import OUT_OF_TIME
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.control.tracking import JointPd
-from leapgap.jumping.experiments.landing import landing
-from leapgap.jumping.models.rigid_body_model import RigidBodyModel
+from leapgap.jumping.control.mpc import JumpMpc, MpcConfig
+from leapgap.jumping.control.qp import NOT_FINITE, OUT_OF_TIME, SolutionRequirements
+from leapgap.jumping.control.tracking import JointPd, PhaseGains, Reference
+from leapgap.jumping.experiments.trial import landing
+from leapgap.jumping.models.rigid_body import RigidBodyModel
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z
 from leapgap.robot.model import Robot

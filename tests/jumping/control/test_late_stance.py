@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from leapgap.jumping.control.late_stance import LateStance, StanceMeter, Transition
+from leapgap.jumping.control.goal_shift_jump import LateStance, StanceMeter, Transition
 from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate

@@ -6,14 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements
-from leapgap.jumping.control.mpc import ForcePlanner
-from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.control.qp import INFEASIBLE, OUT_OF_TIME, Qp, QpConfig, QpSolution, QpSolver, solver
+from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig
+from leapgap.jumping.control.qp import (
+    INFEASIBLE,
+    NOT_FINITE,
+    OUT_OF_TIME,
+    Qp,
+    QpConfig,
+    QpSolution,
+    QpSolver,
+    SolutionRequirements,
+    solver,
+)
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
-from leapgap.jumping.models.rigid_body import PITCH, PITCH_RATE, VX, VZ, X, Z
-from leapgap.jumping.models.rigid_body_model import RigidBodyModel
+from leapgap.jumping.models.rigid_body import PITCH, PITCH_RATE, VX, VZ, RigidBodyModel, X, Z
 from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z
 from tests.conftest import A1_BODY

@@ -6,16 +6,12 @@ import numpy as np
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.gains import JointGains, JointTargets, LandingPose, PhaseGains
-from leapgap.jumping.control.guarded_solve import NOT_FINITE
-from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.control.mpc_controller import POSE_NOT_FINITE, DepartingMpc, JumpMpc
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.control.start_frame import StartFrame
-from leapgap.jumping.control.tracking import JointPd
-from leapgap.jumping.models.deviation_model import NominalDeviation
-from leapgap.jumping.models.rigid_body_model import RigidBodyModel
+from leapgap.jumping.control.border import JointGains
+from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
+from leapgap.jumping.control.mpc import POSE_NOT_FINITE, DepartingMpc, JumpMpc, MpcConfig
+from leapgap.jumping.control.qp import NOT_FINITE
+from leapgap.jumping.control.tracking import JointPd, JointTargets, LandingPose, PhaseGains, Reference
+from leapgap.jumping.models.rigid_body import NominalDeviation, RigidBodyModel
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate

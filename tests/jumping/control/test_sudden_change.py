@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from leapgap.jumping.control.sudden_change import CalmMotion, ChangeRule, ChangeWatch
+from leapgap.jumping.control.goal_shift_mpc import CalmMotion, ChangeRule, ChangeWatch
 
 UPDATES, DECAY, NOISE = 24, 0.8, 0.01
 CALM = CalmMotion(

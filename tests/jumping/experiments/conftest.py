@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from leapgap.jumping.experiments.bench import Bench, TrialRunner
-from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
+from leapgap.jumping.experiments.method import JointPdMethod
+from leapgap.jumping.experiments.rig import Bench, TrialRunner
 from leapgap.jumping.experiments.trial import TrialSetup
 from leapgap.jumping.task import target_of
 from leapgap.logs.log import Log

@@ -6,20 +6,23 @@ import numpy as np
 import pytest
 
 from leapgap.effects import effect
-from leapgap.jumping.control.excitation import Excitation
-from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
-from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
-from leapgap.jumping.experiments.learned_config import PracticeRounds
-from leapgap.jumping.experiments.methods.goal_practised_mpc import GoalMpcMethod
-from leapgap.jumping.experiments.on_policy import round_trials
-from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.training_jumps import GoalOffsets
-from leapgap.jumping.experiments.trial_spec import TrialResult
-from leapgap.jumping.learning.deviations import deviating_jump
+from leapgap.jumping.control.tracking import Excitation
+from leapgap.jumping.experiments.goal_directed_jump import (
+    AIMING_LIMITS,
+    AimConfig,
+    JumpPlanner,
+    LandingModel,
+    LandingSamples,
+)
+from leapgap.jumping.experiments.method import JumpTask
+from leapgap.jumping.experiments.methods.mpc import GoalMpcMethod, round_trials
+from leapgap.jumping.experiments.rig import Bench
+from leapgap.jumping.experiments.settings import GoalOffsets, PracticeRounds
+from leapgap.jumping.experiments.trial import TrialResult
+from leapgap.jumping.learning.window_extraction import deviating_jump
 from leapgap.jumping.models.affine_model import AffineModel
-from leapgap.jumping.models.deviation_model import DeviationModel, NominalDeviation, PlannedSteps
 from leapgap.jumping.models.planar import planar_robot
+from leapgap.jumping.models.rigid_body import DeviationModel, NominalDeviation, PlannedSteps
 from leapgap.jumping.task import Target
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.sensors import SensorNoise

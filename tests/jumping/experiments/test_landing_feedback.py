@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from leapgap.jumping.control.sudden_change import ChangeRule
-from leapgap.jumping.experiments.landing_feedback import (
+from leapgap.jumping.control.goal_shift_mpc import ChangeRule
+from leapgap.jumping.experiments.goal_directed_jump import AimConfig, LandingModel, LandingSamples
+from leapgap.jumping.experiments.goal_shift_jump import (
     SCALE,
     Authority,
     FeedbackConfig,
@@ -17,7 +18,6 @@ from leapgap.jumping.experiments.landing_feedback import (
     learn_calm,
     learn_change,
 )
-from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
 
 UPDATES, PERIOD_S = 16, 0.025
 AUTHORITY = 2 * (1 - np.arange(UPDATES) / UPDATES) / (UPDATES + 1)

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples, best_goal, target_pose
+from leapgap.jumping.experiments.goal_directed_jump import (
+    AimConfig,
+    LandingModel,
+    LandingSamples,
+    best_goal,
+    target_pose,
+)
 from leapgap.jumping.task import Target
 
 BOX = Target(0.6, 0.2)

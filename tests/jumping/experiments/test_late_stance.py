@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
-from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump
-from leapgap.jumping.experiments.methods.goal_shift import GoalShiftMethod
-from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump, GoalShiftMethod
+from leapgap.jumping.experiments.method import JumpTask
+from leapgap.jumping.experiments.rig import Bench
 from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.simulation.closed_loop import Sensing

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from leapgap.jumping.experiments import on_policy
-from leapgap.jumping.experiments.bench import Bench, TrialRunner
-from leapgap.jumping.experiments.landing_model import LandingSamples
-from leapgap.jumping.experiments.learned_config import LearnedMpcConfig, PracticeRounds
-from leapgap.jumping.experiments.methods.mpc import MpcMethod
-from leapgap.jumping.experiments.on_policy import Practised, Round, judged, practise
-from leapgap.jumping.experiments.trial_spec import TrialSpec
-from leapgap.jumping.learning.deviations import DeviatingJump
-from leapgap.jumping.models.deviation_model import NominalDeviation, PlannedSteps
+from leapgap.jumping.experiments.goal_directed_jump import LandingSamples
+from leapgap.jumping.experiments.method import MpcMethod
+from leapgap.jumping.experiments.methods import mpc
+from leapgap.jumping.experiments.methods.mpc import Practised, Round, judged, practise
+from leapgap.jumping.experiments.rig import Bench, TrialRunner
+from leapgap.jumping.experiments.settings import LearnedMpcConfig, PracticeRounds
+from leapgap.jumping.experiments.trial import TrialSpec
+from leapgap.jumping.learning.window_extraction import DeviatingJump
+from leapgap.jumping.models.rigid_body import NominalDeviation, PlannedSteps
 from leapgap.jumping.task import Target
 from leapgap.runtime.cache import ResultCache
 from tests.conftest import A1_BODY
@@ -64,9 +64,9 @@ def test_a_model_whose_landings_are_not_as_predicted_is_not_kept(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, predicted: list[float], kept: int
 ) -> None:
     shown = iter([Round(1, 1.0, cm, 0.0) for cm in predicted])
-    monkeypatch.setattr(on_policy, "judged", lambda *_: next(shown))
-    monkeypatch.setattr(on_policy, "deviating_jump", lambda *_: None)
-    monkeypatch.setattr(on_policy, "deviation_recipes", lambda: {"deviation_kernel": Counting()})
+    monkeypatch.setattr(mpc, "judged", lambda *_: next(shown))
+    monkeypatch.setattr(mpc, "deviating_jump", lambda *_: None)
+    monkeypatch.setattr(mpc, "deviation_recipes", lambda: {"deviation_kernel": Counting()})
     monkeypatch.setattr(TrialSpec, "run", lambda trial: FAST)
     config = replace(CONFIG, practice=replace(CONFIG.practice, rounds=3, trusted_cm=5.0))
     bench = replace(bench, runner=Quick())  # type: ignore[arg-type]

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from leapgap.jumping.experiments.landing import Landing
-from leapgap.jumping.experiments.run_metrics import RunMetrics
-from leapgap.jumping.experiments.scores import ScoredRun, mean_over_tasks, tables
-from leapgap.jumping.experiments.trial_spec import TrialResult
+from leapgap.jumping.experiments.landing_experiment import ScoredRun, mean_over_tasks, tables
+from leapgap.jumping.experiments.trial import Landing, RunMetrics, TrialResult
 
 CONDUCT = RunMetrics(0.4, 200.0, 0.02, 30.0, 0.1)
 

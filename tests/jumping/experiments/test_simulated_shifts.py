@@ -6,16 +6,20 @@ import numpy as np
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.shift_horizon import ShiftGrid
+from leapgap.jumping.control.shifted_plan import ShiftGrid
 from leapgap.jumping.control.tracking import JointPd
-from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
-from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump, shifted_plan
-from leapgap.jumping.experiments.held_shifts import HeldShiftsConfig, measure_held_shifts
-from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples, best_goal
-from leapgap.jumping.experiments.method import Method
-from leapgap.jumping.experiments.methods.aiming import AimingMethod
-from leapgap.jumping.experiments.methods.goal_shift import GoalShiftMethod
+from leapgap.jumping.experiments.goal_directed_jump import (
+    AIMING_LIMITS,
+    AimConfig,
+    JumpPlanner,
+    LandingModel,
+    LandingSamples,
+    best_goal,
+)
+from leapgap.jumping.experiments.goal_shift_jump import GoalShiftJump, GoalShiftMethod, shifted_plan
+from leapgap.jumping.experiments.method import AimingMethod, JumpTask, Method
+from leapgap.jumping.experiments.methods.learned_goal_mpc import HeldShiftsConfig, measure_held_shifts
+from leapgap.jumping.experiments.rig import Bench
 from leapgap.jumping.experiments.simulated_shifts import (
     Kick,
     ShiftDraws,
@@ -26,9 +30,7 @@ from leapgap.jumping.experiments.simulated_shifts import (
     draw_push,
     shift_at,
 )
-from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task
-from leapgap.jumping.experiments.trial_spec import shifted_jumps
+from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task, shifted_jumps
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.task import ContactSchedule
 from leapgap.simulation.closed_loop import Sensing
@@ -77,7 +79,7 @@ def test_simulated_and_closed_loop_jumps_agree(bench: Bench, method: GoalShiftMe
     replayer = Replayer(bench.robot, threads=1)
     (start,) = prepare([MotionPlan("level", bench.level)], replayer, (), Course())
     simulated = SimulatedJump(start, plan, shift)
-    motion = simulator._simulate(simulated, replayer)
+    (motion,) = replayer.true_motions([simulator._rollout(simulated)])
     apart = np.abs(simulator._landing(motion) - measured.landing[0])
     assert (apart < [0.004, 0.004, 0.015]).all(), apart
     deviations = simulator._deviations(simulated, motion)
@@ -162,7 +164,7 @@ def test_a_kick_or_push_in_flight_moves_the_landing_by_its_velocity_times_the_re
     simulator = ShiftSimulator(method.planner, bench.robot, (), bench.level, GRID, 10, 0, SILENT)
     replayer = Replayer(bench.robot, threads=1)
     jump = simulator._draw(0, replayer, kicks(), np.random.default_rng(2))[0]
-    calm = simulator._simulate(jump, replayer)
+    (calm,) = replayer.true_motions([simulator._rollout(jump)])
     kicked = simulator._kicked(calm, kicks_in_flight, simulator._rollout(jump), replayer)
     moved = simulator._landing(kicked) - simulator._landing(calm)
     np.testing.assert_allclose(moved, [0.2 * rest_s, 0.1 * rest_s, 0.0], atol=1e-3)

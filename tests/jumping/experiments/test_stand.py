@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from leapgap.jumping.experiments.bench import Bench
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner, Stand
-from leapgap.jumping.experiments.methods.aiming import AimingMethod
-from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.experiments.method import AimingMethod, JumpTask
+from leapgap.jumping.experiments.rig import Bench
 from leapgap.jumping.experiments.trial import attempt_task
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body import PITCH_RATE, VX

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.experiments.tasks import BLOCK_EDGES_M, JumpTask
+from leapgap.jumping.control.tracking import Reference
+from leapgap.jumping.experiments.method import BLOCK_EDGES_M, JumpTask
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 

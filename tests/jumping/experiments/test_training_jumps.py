@@ -7,19 +7,20 @@ import pytest
 
 from leapgap import effects
 from leapgap.jumping.experiments import identification
-from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
-from leapgap.jumping.experiments.landing import Landing
-from leapgap.jumping.experiments.landing_model import LandingModel, LandingSamples, best_goal, target_pose
-from leapgap.jumping.experiments.methods.aiming import AimingMethod
-from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
-from leapgap.jumping.experiments.methods.joint_pd_shifted import learn_shift
-from leapgap.jumping.experiments.methods.ours_adapted import adapt_offsets
-from leapgap.jumping.experiments.rig import AdaptConfig
-from leapgap.jumping.experiments.run_metrics import RunMetrics
-from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.training_jumps import GoalOffsets, PracticeConfig, run_practice
-from leapgap.jumping.experiments.trial_spec import TrialResult, TrialSpec
+from leapgap.jumping.experiments.goal_directed_jump import (
+    JumpPlanner,
+    LandingModel,
+    LandingSamples,
+    best_goal,
+    target_pose,
+)
+from leapgap.jumping.experiments.method import AimingMethod, JointPdMethod, JumpTask
+from leapgap.jumping.experiments.methods.joint_pd import learn_shift
+from leapgap.jumping.experiments.methods.ours import adapt_offsets
+from leapgap.jumping.experiments.rig import Bench
+from leapgap.jumping.experiments.settings import AdaptConfig, GoalOffsets, PracticeConfig
+from leapgap.jumping.experiments.training_jumps import run_practice
+from leapgap.jumping.experiments.trial import Landing, RunMetrics, TrialResult, TrialSpec
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log

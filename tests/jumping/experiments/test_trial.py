@@ -7,19 +7,13 @@ import pytest
 
 from leapgap import effects
 from leapgap.jumping.control import compiler
-from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.goal_directed_jump import OTHER_PLAN, GoalDirectedJump, JumpPlanner
-from leapgap.jumping.experiments.landing_model import target_pose
-from leapgap.jumping.experiments.methods.aiming import AimingMethod
-from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
-from leapgap.jumping.experiments.methods.mpc import MpcMethod
-from leapgap.jumping.experiments.run_metrics import pair_force
-from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task
-from leapgap.jumping.experiments.trial_spec import landing_pose, landing_samples
+from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.experiments.goal_directed_jump import OTHER_PLAN, GoalDirectedJump, JumpPlanner, target_pose
+from leapgap.jumping.experiments.method import AimingMethod, JointPdMethod, JumpTask, MpcMethod
+from leapgap.jumping.experiments.rig import Bench
+from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task, landing_pose, landing_samples, pair_force
 from leapgap.jumping.models.planar import planar_robot
-from leapgap.jumping.models.rigid_body_model import RigidBodyModel
+from leapgap.jumping.models.rigid_body import RigidBodyModel
 from leapgap.jumping.task import ContactSchedule, Target
 from tests.conftest import A1_BODY
 

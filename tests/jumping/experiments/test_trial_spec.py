@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.experiments.bench import Bench, TrialRunner
-from leapgap.jumping.experiments.landing import Landing
-from leapgap.jumping.experiments.landing_model import LandingSamples
-from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
-from leapgap.jumping.experiments.run_metrics import RunMetrics
-from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.trial_spec import TrialResult, TrialSpec
+from leapgap.jumping.experiments.goal_directed_jump import LandingSamples
+from leapgap.jumping.experiments.method import JointPdMethod, JumpTask
+from leapgap.jumping.experiments.rig import Bench, TrialRunner
+from leapgap.jumping.experiments.trial import Landing, RunMetrics, TrialResult, TrialSpec
 from leapgap.runtime import cache
 from leapgap.runtime.atomic_io import read_json
 from leapgap.runtime.cache import ResultCache

@@ -13,24 +13,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.goal_shift_jump import ShiftTracker
+from leapgap.jumping.control.goal_shift_jump import LateStance, ShiftTracker
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
-from leapgap.jumping.control.late_stance import LateStance
-from leapgap.jumping.control.reference import Reference
 from leapgap.jumping.control.shifted_plan import ShiftedPlan
-from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
-from leapgap.jumping.experiments.goal_shift_jump import shifted_plan, stance_slopes
-from leapgap.jumping.experiments.landing_feedback import (
+from leapgap.jumping.control.tracking import PhaseGains, Reference
+from leapgap.jumping.experiments.goal_directed_jump import (
+    AIMING_LIMITS,
+    AimConfig,
+    JumpPlanner,
+    LandingModel,
+    LandingSamples,
+)
+from leapgap.jumping.experiments.goal_shift_jump import (
     Authority,
     FeedbackConfig,
     KickedJumps,
     LandingFeedback,
     learn_calm,
     learn_change,
+    shifted_plan,
+    stance_slopes,
 )
-from leapgap.jumping.experiments.landing_model import AimConfig, LandingModel, LandingSamples
-from leapgap.jumping.experiments.tasks import JumpTask
+from leapgap.jumping.experiments.method import JumpTask
 from leapgap.jumping.experiments.trial import TrialSetup, attempt_task
 from leapgap.jumping.export.write import write_controller
 from leapgap.jumping.models.planar import planar_robot

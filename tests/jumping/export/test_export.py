@@ -14,9 +14,9 @@ import onnxruntime
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.gains import PhaseGains
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker
-from leapgap.jumping.experiments.landing_feedback import LandingFeedback
+from leapgap.jumping.control.tracking import PhaseGains
+from leapgap.jumping.experiments.goal_shift_jump import LandingFeedback
 from leapgap.jumping.export.tables import tables_of
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate

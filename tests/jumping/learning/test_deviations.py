@@ -5,12 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from leapgap.jumping.learning.deviation_recipe import DeviationTask
-from leapgap.jumping.learning.deviations import BALLISTIC_S, DeviatingJump, deviating_jump, rolled_out
-from leapgap.jumping.learning.recipe import Fitting, ModelSettings
-from leapgap.jumping.learning.registry import deviation_recipes
+from leapgap.jumping.learning.recipe import DeviationTask, Fitting, ModelSettings
+from leapgap.jumping.learning.store import deviation_recipes
+from leapgap.jumping.learning.window_extraction import BALLISTIC_S, DeviatingJump, deviating_jump, rolled_out
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.jumping.models.deviation_model import DeviationModel, NominalDeviation, PlannedSteps
+from leapgap.jumping.models.rigid_body import DeviationModel, NominalDeviation, PlannedSteps
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot

@@ -11,15 +11,18 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.jumping.control import inference
-from leapgap.jumping.learning import export, store, torch_rollout
+from leapgap.jumping.learning import store, training
 from leapgap.jumping.learning.model import Nominal
 from leapgap.jumping.learning.models import kernel
 from leapgap.jumping.learning.models.ensemble import ModelEnsemble
 from leapgap.jumping.learning.models.kernel import KernelConfig
-from leapgap.jumping.learning.models.nominal import NominalModel, fit_gains
-from leapgap.jumping.learning.models.playback import Playback
-from leapgap.jumping.learning.models.published_recipe import PublishedRecipeConfig, initial_published_networks
-from leapgap.jumping.learning.models.residual_networks import NetworksConfig, initial_networks
+from leapgap.jumping.learning.models.nominal import NominalModel, Playback, fit_gains
+from leapgap.jumping.learning.models.residual_networks import (
+    NetworksConfig,
+    PublishedRecipeConfig,
+    initial_networks,
+    initial_published_networks,
+)
 from leapgap.jumping.learning.windows import Purpose, TimeGrid, Windows
 from leapgap.jumping.models.affine_model import FEATURES, Situation
 from leapgap.jumping.models.rigid_body import RigidBody
@@ -61,7 +64,7 @@ def model(request, windows: Windows):
 
 
 def written(model, windows: Windows, folder) -> inference.ExportedModel:
-    export.write(store.StoredModel(model, Purpose.of(windows), windows.jumps, "k"), folder, "m")
+    store.export_model(store.StoredModel(model, Purpose.of(windows), windows.jumps, "k"), folder, "m")
     return inference.load(folder, "m", Purpose.of(windows))
 
 
@@ -121,7 +124,7 @@ def test_the_reader_equals_the_trained_network_in_torch(windows: Windows, tmp_pa
     import torch
 
     model = single(windows, seeds)
-    twin = torch_rollout.ResidualModule(model, dropout=0.0).eval()
+    twin = training.ResidualModule(model, dropout=0.0).eval()
     reader, (situation, contact) = written(model, windows, tmp_path), situations(windows)
     force = windows.force[:, 8]
     found = reader.affine(situation, contact).acceleration(force)

@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 
 from leapgap.errors import InputError
+from leapgap.jumping.learning.experiment import folds, sessions
 from leapgap.jumping.learning.model import Nominal, ResidualModel, squared_errors
 from leapgap.jumping.learning.models import kernel
-from leapgap.jumping.learning.models.constant_velocity import ConstantVelocity
 from leapgap.jumping.learning.models.kernel import KernelConfig
-from leapgap.jumping.learning.models.nominal import NominalModel, fit_gains
-from leapgap.jumping.learning.models.playback import Playback
-from leapgap.jumping.learning.splits import folds, sessions
-from leapgap.jumping.learning.transitions import extract_transitions
-from leapgap.jumping.learning.windows import RolloutInputs, Windows
+from leapgap.jumping.learning.models.nominal import ConstantVelocity, NominalModel, Playback, fit_gains
+from leapgap.jumping.learning.windows import RolloutInputs, Windows, extract_transitions
 from leapgap.jumping.models.affine_model import FEATURES, AffineModel, Situation
 from leapgap.jumping.models.rigid_body import RigidBody
 from tests.conftest import A1_BODY

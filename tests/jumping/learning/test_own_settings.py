@@ -10,13 +10,14 @@ import pytest
 from omegaconf import OmegaConf
 
 from leapgap.errors import InputError
-from leapgap.jumping.learning import model_grid, registry
+from leapgap.jumping.learning import model_grid, store
 from leapgap.jumping.learning import windows as windows_module
+from leapgap.jumping.learning.experiment import Split, TrainConfig
 from leapgap.jumping.learning.models.kernel import KernelConfig
 from leapgap.jumping.learning.models.residual_networks import NetworksConfig
-from leapgap.jumping.learning.splits import train_on_all
 from leapgap.jumping.learning.windows import Windows
 from leapgap.runtime.atomic_io import read_json
+from leapgap.runtime.cache import ResultCache
 from stages.common import with_leave_to_add
 from stages.compose import compose_conf
 from stages.sections.train import read_train_config
@@ -97,8 +98,8 @@ def found(folder: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "slowing", module)
     spec.loader.exec_module(module)
     for recipe in (module.SlowingRecipe(), module.SlowingTwiceRecipe()):
-        monkeypatch.setitem(registry.recipes(), recipe.name, recipe)
-    return registry.recipes()
+        monkeypatch.setitem(store.recipes(), recipe.name, recipe)
+    return store.recipes()
 
 
 TRAIN = """
@@ -222,31 +223,33 @@ def test_a_section_has_one_owner(folder: Path, found, taken: str, message: str, 
 
 
 def test_a_key_holds_the_settings_of_the_model_and_of_its_members_and_no_others(found, windows: Windows) -> None:
-    base, split = config(models=["slowing", "slowing_twice", "kernel"]), train_on_all(windows.jumps)
+    base, split = config(models=["slowing", "slowing_twice", "kernel"]), Split("all", windows.jumps, ())
     slowing, kernel = found["slowing"].settings, KernelConfig
     departures = {
         "slowing": {"slowing": slowing(time_constant_s=0.1)},
         "kernel": {"kernel": replace(base.settings(kernel), ridge_flight=0.5)},
         "networks": {"networks": NetworksConfig(seeds=7)},
     }
-    before = model_grid.keys_of(windows, split, base)
+
+    def keys(changed: TrainConfig) -> dict[str, str]:
+        return model_grid.SplitJob(windows, changed, split, ResultCache(Path())).keys
+
+    before = keys(base)
     changed = {
         name: {
             model
-            for model, key in model_grid.keys_of(
-                windows, split, replace(base, model_settings=base.model_settings | more)
-            ).items()
+            for model, key in keys(replace(base, model_settings=base.model_settings | more)).items()
             if key != before[model]
         }
         for name, more in departures.items()
     }
     assert changed == {"slowing": {"slowing", "slowing_twice"}, "kernel": {"kernel"}, "networks": set()}
     spelled = replace(base, model_settings=base.model_settings | {"slowing": slowing()})
-    assert model_grid.keys_of(windows, split, spelled) == before, "a default that is written out is the default"
+    assert keys(spelled) == before, "a default that is written out is the default"
 
 
 def test_blends_depend_on_the_settings_of_both_members(windows: Windows) -> None:
-    base, split = config(models=["networks", "kernel", "blend"]), train_on_all(windows.jumps)
+    base, split = config(models=["networks", "kernel", "blend"]), Split("all", windows.jumps, ())
     for kind in (NetworksConfig, KernelConfig):
         one = replace(base.settings(kind), force_scale=1.0)
         changed = replace(base, model_settings=base.model_settings | {kind.section: one})

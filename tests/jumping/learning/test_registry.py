@@ -9,11 +9,10 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.jumping.learning import evaluation, model_grid
-from leapgap.jumping.learning.experiment import fit_task
+from leapgap.jumping.learning.experiment import fit_task, folds
 from leapgap.jumping.learning.model import Model
 from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe
-from leapgap.jumping.learning.registry import find_recipe, recipes
-from leapgap.jumping.learning.splits import folds
+from leapgap.jumping.learning.store import find_recipe, recipes
 from leapgap.jumping.learning.windows import RolloutInputs, Windows
 from leapgap.jumping.reports import learning as page
 from leapgap.runtime.atomic_io import read_json
@@ -97,7 +96,7 @@ def test_a_new_model_is_one_recipe(windows: Windows, tmp_path: Path, monkeypatch
     assert figures["cv_mse"]["networks_free_forecast"] == pytest.approx((moved**2).mean(), rel=1e-5)
     assert figures["forecast_cv_mse"] == {"networks_free_forecast": figures["cv_mse"]["networks_free_forecast"]}
     assert set(figures["coverage"]) == {"kernel"}
-    evaluation.write_error_by_step(found, tmp_path / "error_by_step.csv")
+    evaluation.write_tables(found, tmp_path)
     drawn = page.errors_by_step(page.read_rows(tmp_path / "error_by_step.csv"))
     shown = {trace.name: trace.line.color for trace in drawn.data}
     assert shown == {"kernel": "#14804a", "networks free forecast": "#123456"}
@@ -110,8 +109,8 @@ def test_a_model_nobody_knows_is_named():
 
 def test_models_do_not_import_what_trains_or_exports_them():
     """Whoever adds a model needs only what stands below it; the ONNX graph needs only the flat form."""
-    above = {f"leapgap.jumping.learning.{name}" for name in ("registry", "store", "experiment", "evaluation", "export")}
-    models = (f"models.{name}" for name in ("nominal", "constant_velocity", "playback", "kernel", "residual_networks"))
+    above = {f"leapgap.jumping.learning.{name}" for name in ("store", "experiment", "evaluation")}
+    models = (f"models.{name}" for name in ("nominal", "kernel", "residual_networks"))
     for name in ("recipe", "network", *models):
         assert not closure(f"leapgap.jumping.learning.{name}") & above, name
-    assert "leapgap.jumping.learning.export" not in closure("leapgap.jumping.learning.onnx_graph")
+    assert "leapgap.jumping.learning.store" not in closure("leapgap.jumping.learning.onnx_graph")

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from leapgap.jumping.learning import store, torch_rollout
+from leapgap.jumping.learning import store, training
 from leapgap.jumping.learning.model import Nominal
-from leapgap.jumping.learning.models.published_recipe import PublishedRecipeConfig, initial_published_networks
-from leapgap.jumping.learning.models.residual_networks import initial_networks
+from leapgap.jumping.learning.models.residual_networks import (
+    PublishedRecipeConfig,
+    initial_networks,
+    initial_published_networks,
+)
 from leapgap.jumping.learning.windows import Purpose, Windows
 from leapgap.jumping.models.affine_model import Situation
 from leapgap.jumping.models.rigid_body import RigidBody
@@ -34,7 +37,7 @@ def our_model(windows: Windows):
 @pytest.mark.parametrize("make", [our_model, published_model])
 def test_the_numpy_reader_equals_the_network(make, windows: Windows, tmp_path):
     model = make(windows)
-    twin = torch_rollout.ResidualModule(model, dropout=0.5).eval()
+    twin = training.ResidualModule(model, dropout=0.5).eval()
     store.save(store.StoredModel(model, Purpose.of(windows), windows.jumps, "k"), tmp_path, "m")
     read = store.load(tmp_path, "m").model
     assert isinstance(read, type(model)) and same(read, model)
@@ -56,16 +59,16 @@ def test_the_roll_outs_agree_for_one_member(windows: Windows):
     model = initial_networks(
         windows, Nominal(A1_BODY, (0.5, 0.9, 0.3)), replace(NETWORKS, seeds=1), np.random.default_rng(0)
     )
-    batch = torch_rollout.Batch.of(windows, torch.device("cpu"))
-    states, _ = torch_rollout.ResidualModule(model, 0.0).roll_out(batch)
+    batch = training.Batch.of(windows, torch.device("cpu"))
+    states, _ = training.ResidualModule(model, 0.0).roll_out(batch)
     order = np.argsort(windows.start, kind="stable")
     np.testing.assert_allclose(states[0].detach(), model.predict(windows.inputs)[order, 1:], atol=1e-5)
 
 
 def test_gradients_of_the_loss_by_finite_differences(windows: Windows):
-    learner = torch_rollout.ResidualModule(our_model(windows), 0.0).double()
-    batch = torch_rollout.Batch.of(windows.of_jumps(windows.jumps[:1]), torch.device("cpu"))
-    batch = torch_rollout.Batch(
+    learner = training.ResidualModule(our_model(windows), 0.0).double()
+    batch = training.Batch.of(windows.of_jumps(windows.jumps[:1]), torch.device("cpu"))
+    batch = training.Batch(
         *(getattr(batch, n).double() for n in ("state", "force", "foot", "time_s", "step_s")), batch.in_contact
     )
 

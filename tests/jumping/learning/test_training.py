@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-import torch
 from omegaconf import OmegaConf
 
 from leapgap.errors import InputError
@@ -16,21 +15,16 @@ from leapgap.jumping.learning import (
     model_grid,
     recipe,
     store,
-    torch_rollout,
     training,
     window_extraction,
 )
-from leapgap.jumping.learning.experiment import TrainConfig
+from leapgap.jumping.learning.experiment import TrainConfig, folds
 from leapgap.jumping.learning.model import Nominal, squared_errors
-from leapgap.jumping.learning.models.constant_velocity import ConstantVelocity
 from leapgap.jumping.learning.models.kernel import KernelConfig
-from leapgap.jumping.learning.models.nominal import NominalModel, fit_gains
-from leapgap.jumping.learning.models.playback import Playback
-from leapgap.jumping.learning.models.published_recipe import PublishedRecipeConfig
-from leapgap.jumping.learning.models.residual_networks import NetworksConfig, initial_networks
+from leapgap.jumping.learning.models.nominal import ConstantVelocity, NominalModel, Playback, fit_gains
+from leapgap.jumping.learning.models.residual_networks import NetworksConfig, PublishedRecipeConfig, initial_networks
 from leapgap.jumping.learning.recipe import Fitting
-from leapgap.jumping.learning.registry import recipes
-from leapgap.jumping.learning.splits import folds
+from leapgap.jumping.learning.store import recipes
 from leapgap.jumping.learning.windows import ARRAYS, TimeGrid, Windows
 from leapgap.runtime.atomic_io import read_json
 from stages.compose import compose_conf
@@ -105,47 +99,6 @@ def test_a_killed_training_goes_on_to_the_same_bits(windows: Windows, tmp_path, 
     assert (tmp_path / "cut" / "last.ckpt").exists()
     resumed, resumed_curve = fit(windows, None, tmp_path / "cut", fitting)
     assert same(resumed, whole) and resumed_curve == curve
-
-
-def test_stopping_early_keeps_the_best_weights_and_resumes_to_the_same_bits(windows: Windows, tmp_path, monkeypatch):
-    """With a learning rate that soon overshoots: the error on the stopping jumps rises, training ends."""
-    fitting = replace(NETWORKS.fitting, steps=200, learning_rate=0.3, cosine_decay=False, patience=3, stopping_jumps=2)
-    model, curve = fit(windows, None, tmp_path / "whole", fitting)
-    stopped = curve[-1][0]
-    assert 16 <= stopped < 200
-
-    best = training.Learner.error_on
-    seen = []
-
-    def record_error(self, name):
-        found = best(self, name)
-        if name == training.STOPPING:
-            seen.append(found)
-        return found
-
-    step = training.Learner.training_step
-
-    def killed(self, *arguments):
-        if self.trainer.global_step == stopped - 3:
-            raise RuntimeError("killed")
-        return step(self, *arguments)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(training.Learner, "error_on", record_error)
-        patch.setattr(training.Learner, "training_step", killed)
-        with pytest.raises(RuntimeError, match="killed"):
-            fit(windows, None, tmp_path / "cut", fitting)
-    resumed, resumed_curve = fit(windows, None, tmp_path / "cut", fitting)
-    assert same(resumed, model) and resumed_curve == curve
-
-    start = initial_networks(windows, Nominal(A1_BODY), NETWORKS, np.random.default_rng(0))
-    last_two = windows.of_jumps(windows.jumps[-2:])
-    learner = training.Learner(torch_rollout.ResidualModule(model, 0.0), windows, {}, fitting, 0)
-    learner.batches = {"stopping": torch_rollout.Batch.of(last_two, torch.device("cpu"))}
-    assert learner.error_on("stopping") == pytest.approx(min(seen), rel=1e-4)
-    assert not same(model, start)
-    with pytest.raises(InputError, match=r"fitting.stopping_jumps: found 6 of 6 training jumps"):
-        fit(windows, None, tmp_path / "bad", replace(fitting, stopping_jumps=6))
 
 
 def corrupt_jump(windows: Windows, jump: str) -> Windows:
@@ -295,12 +248,12 @@ def test_networks_of_more_windows_than_fit_into_memory_are_trained_on_some_of_th
     seen, setup = {}, training.Learner.setup
 
     def count(self: training.Learner, stage: str) -> None:
-        seen.update({name: np.bincount(some.jump).tolist() for name, some in self.windows.items()})
+        seen.update({name: np.bincount(some.jump).tolist() for name, some in enumerate(self.windows)})
         setup(self, stage)
 
     monkeypatch.setattr(training, "MOST_WINDOWS", 54)
     monkeypatch.setattr(training.Learner, "setup", count)
     held_out = windows.of_jumps(windows.jumps[4:])
     _, curve = fit(windows, held_out, tmp_path / "a", replace(NETWORKS.fitting, steps=4))
-    assert seen == {"train": [9] * 6, "held_out": [27, 27]}
+    assert seen == {0: [9] * 6, 1: [27, 27]}
     assert len(curve) == 1 and np.isfinite(curve[0]).all()

@@ -8,10 +8,10 @@ from omegaconf import OmegaConf
 from scipy.stats import norm
 
 from leapgap.jumping.learning import uncertainty
+from leapgap.jumping.learning.experiment import folds
 from leapgap.jumping.learning.models import kernel
 from leapgap.jumping.learning.models.kernel import KernelConfig, KernelModel
 from leapgap.jumping.learning.models.nominal import fit_gains
-from leapgap.jumping.learning.splits import folds
 from leapgap.jumping.learning.windows import Windows
 from leapgap.jumping.models.affine_model import FEATURES
 from stages.compose import compose_conf

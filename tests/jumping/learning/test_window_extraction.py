@@ -10,8 +10,8 @@ from leapgap.jumping.learning import window_extraction
 from leapgap.jumping.learning.windows import ARRAYS, TimeGrid
 from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.log import Log
+from leapgap.logs.metadata import Segment
 from leapgap.logs.schema import PAIR_FORCE_AXES
-from leapgap.logs.segments import Segment
 from leapgap.robot.kinematics import feet_in_world
 from tests.jumping.learning.conftest import CROUCH, jumps, pose, synthetic_jump  # noqa: F401 - fixtures
 

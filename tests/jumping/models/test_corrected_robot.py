@@ -5,7 +5,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.errors import InputError
-from leapgap.jumping.models.corrected_robot import body_with, planar_robot_with
+from leapgap.jumping.models.planar import body_with, planar_robot_with
 from leapgap.robot.model import Robot
 
 CROUCH = np.array([0, 0.4 * np.pi, -0.75 * np.pi] * 4)

@@ -8,8 +8,7 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.jumping.models.planar import A1_JOINTS, PlanarRobot, planar_robot
-from leapgap.jumping.planning.dynamics import centre_of_mass, legs
-from leapgap.jumping.planning.layout import CROUCH
+from leapgap.jumping.planning.dynamics import CROUCH, centre_of_mass, legs
 from leapgap.jumping.planning.problem import Problem
 from leapgap.jumping.planning.reference import Gains, to_jump
 from leapgap.jumping.planning.solve import solve

@@ -3,8 +3,7 @@ import json
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.planning.batch import metrics, read_targets, timing, write_references
-from leapgap.jumping.planning.reference import Gains
+from leapgap.jumping.planning.reference import Gains, metrics, read_targets, timing, write_references
 from leapgap.jumping.task import Target, target_of
 from leapgap.logs.log import read_log
 

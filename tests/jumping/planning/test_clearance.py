@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.jumping.models.corrected_robot import planar_robot_with
-from leapgap.jumping.models.planar import PlanarRobot
-from leapgap.jumping.planning.boxes import terrain
+from leapgap.jumping.models.planar import PlanarRobot, planar_robot_with
 from leapgap.jumping.planning.dynamics import legs
 from leapgap.jumping.planning.nlp import ROUNDED_M, SWING_RISE_M
-from leapgap.jumping.planning.problem import Aim, Limits, Problem, start_feet
+from leapgap.jumping.planning.problem import Aim, Limits, Problem, start_feet, terrain
 from leapgap.jumping.planning.solve import Solution, planner_of, solve
 from leapgap.jumping.task import Target
 from leapgap.robot.model import Robot

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from leapgap.jumping.models.planar import PlanarRobot, planar_robot
-from leapgap.jumping.planning.dynamics import centre_of_mass, inverse_dynamics_residual, legs
-from leapgap.jumping.planning.layout import CROUCH
+from leapgap.jumping.planning.dynamics import CROUCH, centre_of_mass, inverse_dynamics_residual, legs
 from leapgap.robot.model import Robot
 from tests.jumping.planning.lagrangian import residual
 

@@ -7,12 +7,10 @@ import pytest
 
 from leapgap import effects
 from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, JumpPlanner
-from leapgap.jumping.models.corrected_robot import planar_robot_with
-from leapgap.jumping.models.planar import PlanarRobot, planar_robot
-from leapgap.jumping.planning.family import FamilyConfig, PlanFamily, toward_origin
-from leapgap.jumping.planning.layout import JOINT
+from leapgap.jumping.models.planar import PlanarRobot, planar_robot, planar_robot_with
+from leapgap.jumping.planning.dynamics import JOINT
 from leapgap.jumping.planning.problem import Aim, Grid, Problem
-from leapgap.jumping.planning.solve import solve
+from leapgap.jumping.planning.solve import FamilyConfig, PlanFamily, solve, toward_origin
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
 

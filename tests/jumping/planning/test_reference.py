@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from leapgap.jumping.models.planar import PlanarRobot
-from leapgap.jumping.planning.boxes import terrain
 from leapgap.jumping.planning.dynamics import centre_of_mass
+from leapgap.jumping.planning.problem import terrain
 from leapgap.jumping.planning.reference import motion, name_of
 from leapgap.jumping.task import Target, target_of
 from leapgap.logs.log import read_log, write_log

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from leapgap.jumping.models.planar import PlanarRobot
-from leapgap.jumping.planning.reference import name_of
-from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.planning.reference import name_of, reference_to
 from leapgap.jumping.task import ContactSchedule, Target, schedule_of
 from leapgap.logs.log import write_log
 

@@ -9,8 +9,7 @@ import scipy.io
 
 from leapgap.errors import InputError
 from leapgap.jumping.models.planar import PlanarRobot
-from leapgap.jumping.planning.dynamics import centre_of_mass, legs
-from leapgap.jumping.planning.layout import CROUCH, JOINT, X, Z
+from leapgap.jumping.planning.dynamics import CROUCH, JOINT, X, Z, centre_of_mass, legs
 from leapgap.jumping.planning.problem import Aim, Grid, Problem
 from leapgap.jumping.planning.solve import planner_of, solve, solve_all
 from leapgap.jumping.task import ContactSchedule, Target

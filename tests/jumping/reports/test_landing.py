@@ -7,8 +7,8 @@ import pytest
 
 from leapgap.jumping.reports.landing import forces, joints, mean_over_steps, times
 from leapgap.logs.log import Log
+from leapgap.logs.metadata import Segment
 from leapgap.logs.schema import PAIR_FORCE_AXES
-from leapgap.logs.segments import Segment
 from leapgap.robot.model import Robot
 from tests.conftest import standing
 

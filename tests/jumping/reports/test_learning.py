@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from leapgap.jumping.learning.time_grid_comparison import RollOut
+from leapgap.jumping.learning.evaluation import RollOut
 from leapgap.jumping.reports import learning
 
 FIGURES = {

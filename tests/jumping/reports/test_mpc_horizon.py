@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from leapgap.jumping.models.rigid_body_model import RigidBodyModel
-from leapgap.jumping.reports.method_comparison import record_comparison
-from leapgap.jumping.reports.mpc_horizon import MpcHorizons, mpc_horizons, planned_for
+from leapgap.jumping.models.rigid_body import RigidBodyModel
+from leapgap.jumping.reports.method_comparison import MpcHorizons, mpc_horizons, planned_for, record_comparison
 from leapgap.logs.log import Log, write_log
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import write_json

@@ -4,7 +4,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.reports.prediction import record_prediction
+from leapgap.jumping.reports.record_all import record_prediction
 from leapgap.reports.plots import COMPONENTS
 from tests.reports.read_back import Recorded
 

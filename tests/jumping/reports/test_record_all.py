@@ -6,7 +6,7 @@ import pytest
 from leapgap.errors import InputError
 from leapgap.jumping.reports.record_all import View, as_judged, record_all
 from leapgap.logs.log import write_log
-from leapgap.logs.segments import Segment
+from leapgap.logs.metadata import Segment
 from leapgap.reports.log_recording import DIAGNOSED
 from leapgap.runtime.atomic_io import write_json
 from tests.jumping.reports.test_prediction import write_predictions

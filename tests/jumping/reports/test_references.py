@@ -2,8 +2,7 @@
 
 import re
 
-from leapgap.jumping.reports.keyframes import PIXELS_PER_M, keyframes, moments
-from leapgap.jumping.reports.references import html
+from leapgap.jumping.reports.references import PIXELS_PER_M, html, keyframes, moments
 from leapgap.logs.log import write_log
 
 

@@ -27,7 +27,7 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout, joint_gains
-from leapgap.simulation.trial_log import without_warnings
+from leapgap.simulation.working_models import without_warnings
 
 Effects = tuple[Effect, ...]
 T = TypeVar("T")

@@ -11,7 +11,7 @@ from leapgap.diagnosis.engine.intervals import Course, Effects, Intervals
 from leapgap.diagnosis.engine.points import prior_of
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.robust_least_squares import Products
-from leapgap.logs.stance import measured_stance
+from leapgap.logs.base_estimate import measured_stance
 from leapgap.robot.model import Robot
 from leapgap.simulation.rollout import Rollout
 

@@ -7,7 +7,7 @@ import mujoco
 
 from leapgap.diagnosis.evidence.base import LEAST_LOGS, Evidence, Source, agree, sure, told_model
 from leapgap.diagnosis.evidence.flight import clean_flight
-from leapgap.effects.trunk_inertia import TrunkInertia
+from leapgap.effects.bodies import TrunkInertia
 from leapgap.logs.contacts import has_feet_in_world
 from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from leapgap.diagnosis.evidence.base import LEAST_LOGS, Evidence, Source, agree, slopes, sure
-from leapgap.effects.com_offset import ComOffset
+from leapgap.effects.bodies import ComOffset
 from leapgap.logs.contacts import has_feet_in_world, in_flight, longest_run
 from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 
 from leapgap.diagnosis.evidence.base import LEAST_LOGS, Evidence, Source, slopes, sure
-from leapgap.effects.leg_geometry import LegGeometry
+from leapgap.effects.shape import LegGeometry
+from leapgap.logs.base_estimate import columns_of_feet, stance_by_force
 from leapgap.logs.contacts import has_feet_in_world, runs_of
 from leapgap.logs.log import Log
-from leapgap.logs.stance import columns_of_feet, stance_by_force
 from leapgap.logs.state import motion_of
 from leapgap.robot.kinematics import each_pose, gather
 from leapgap.robot.model import Robot

@@ -6,10 +6,10 @@ from typing import ClassVar
 import numpy as np
 
 from leapgap.diagnosis.evidence.base import LEAST_LOGS, Evidence, Source, agree, sure
-from leapgap.effects.payload import Payload
+from leapgap.effects.bodies import Payload
+from leapgap.logs.base_estimate import columns_of_feet
 from leapgap.logs.contacts import runs_of
 from leapgap.logs.log import Log
-from leapgap.logs.stance import columns_of_feet
 from leapgap.robot.model import Robot
 from leapgap.robot.model_file import gravity_of
 

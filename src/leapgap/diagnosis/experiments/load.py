@@ -6,7 +6,7 @@ from leapgap.diagnosis.experiments.base import Experiment, Repetition
 from leapgap.diagnosis.experiments.given import Given
 from leapgap.diagnosis.experiments.plans import with_load
 from leapgap.diagnosis.experiments.sines import FAST_HZ, SLOW_HZ, Sines, amplitude
-from leapgap.effects.links import links_at
+from leapgap.effects.bodies import links_at
 from leapgap.logs.log import Log
 
 LOAD_SHARE = 0.6

@@ -11,7 +11,7 @@ from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.state import columns_of, motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.simulation.known_loads import LOAD
+from leapgap.simulation.rollout import LOAD
 
 MOST_LIMITED, BEYOND_RAD = 0.05, 0.02
 """Share of the rows in which a motor may be at its limit, and how far a joint may press into its stop, rad."""

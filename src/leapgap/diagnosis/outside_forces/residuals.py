@@ -18,9 +18,8 @@ from leapgap.logs.log import Log
 from leapgap.logs.state import States, motor_torques
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, TWIST_SLICE, VELOCITY_SLICE
-from leapgap.simulation.known_loads import with_loads
 from leapgap.simulation.replay import Replayer
-from leapgap.simulation.rollout import Rollout
+from leapgap.simulation.rollout import Rollout, with_loads
 
 EVERY_S, MOST_EVALUATIONS = 0.01, 150_000
 """Forces are computed at this interval, or at a longer one that needs no more inverse dynamics of all logs together."""

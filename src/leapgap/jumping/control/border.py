@@ -11,35 +11,38 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.jumping.control.gains import JointGains
 from leapgap.logs.pair_force import by_pair, flat
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
 from leapgap.simulation.controller import Command, StateEstimate
 
 TIME_NOT_USABLE = "time not usable"
-LARGEST = {
-    "base_position": 1e4,
-    "base_velocity": 1e2,
-    "base_angular_velocity": 1e3,
-    "joint_pos": 1e2,
-    "joint_vel": 1e4,
-}
+LARGEST = {"base_position": 1e4, "base_velocity": 1e2, "base_angular_velocity": 1e3, "joint_pos": 1e2, "joint_vel": 1e4}
 """Largest absolute value that can have been measured: m, m/s, rad/s, rad, rad/s."""
 QUATERNION_NORMS = (0.9, 1.1)
-LONGEST_GAP_S = 1.0
-"""Longest time between two ticks that follow each other."""
+LONGEST_GAP_S = 1.0  # Longest time between two ticks that follow each other
 LARGEST_TIME_S = 1e9
 NUMBERS = (int, float, np.floating, np.integer)
 FLOAT, BOOL = np.dtype(np.float64), np.dtype(bool)
 
 
 @dataclass(frozen=True)
+class JointGains:
+    """Gains of the joint PD controller."""
+
+    kp_nm_per_rad: float = 300.0
+    kd_nms_per_rad: float = 3.0
+
+    def __post_init__(self) -> None:
+        if not all(0 <= gain < np.inf for gain in (self.kp_nm_per_rad, self.kd_nms_per_rad)):
+            raise ValueError("gains finite and not below 0")
+
+
+@dataclass(frozen=True)
 class SafeCommand:
     """What is sent while a controller has no usable time."""
 
-    hold_ticks: int = 20
-    """Ticks for which the last command is repeated."""
+    hold_ticks: int = 20  # Ticks for which the last command is repeated
     damping: JointGains = field(default_factory=lambda: JointGains(0.0, 3.0))
     """Joint gains after that; velocities are brought to zero."""
 
@@ -60,8 +63,7 @@ class Border:
         self._since_used = 0
         self._offset_s = 0.0
         self._last: Command | None = None
-        self.newest: StateEstimate | None = None
-        """What ``judged`` returned last."""
+        self.newest: StateEstimate | None = None  # What ``judged`` returned last
 
     def judged(self, estimate: StateEstimate) -> StateEstimate | None:
         """The estimate, its impossible values NaN; None where its time cannot be used.

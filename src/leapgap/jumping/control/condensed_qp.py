@@ -14,11 +14,64 @@ from functools import cached_property
 
 import numpy as np
 
-from leapgap.jumping.control.horizon import Horizon
 from leapgap.jumping.control.qp import Qp
+from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel
 from leapgap.jumping.models.rigid_body import POSITION, VELOCITY, advance
+from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, FORCES, per_axis
+
+ROUNDING_S = 1e-6  # Times closer than this count as equal, as in ``ContactSchedule.in_contact``
+
+
+@dataclass(frozen=True)
+class Horizon:
+    """The n ≤ K steps of one prediction."""
+
+    time_s: np.ndarray  # Start of each step and end of the last one, since the start of the jump, (n + 1,)
+    share: np.ndarray  # Part of each step during which the front and the rear pair are planned to push, 0…1, (n, 2)
+
+    def __len__(self) -> int:
+        return len(self.share)
+
+    @property
+    def step_s(self) -> np.ndarray:
+        """Length of each step, (n,)."""
+        return np.diff(self.time_s)
+
+    @property
+    def contact(self) -> np.ndarray:
+        """Whether each step begins before take-off, bool, (n,)."""
+        return np.asarray(self.share.any(axis=1))
+
+
+def nodes(grid: TimeGrid, schedule: ContactSchedule) -> np.ndarray:
+    """Ends of the steps of a whole jump, s, increasing; phases need not be whole numbers of steps."""
+    take_off, flight = schedule.take_off_s, schedule.flight_s
+    in_contact = int(np.floor(take_off / grid.contact_step_s - ROUNDING_S))
+    in_flight = max(1, round(flight / grid.flight_step_s))
+    before = take_off - grid.contact_step_s * np.arange(in_contact, 0, -1)
+    after = take_off + grid.flight_step_s * np.arange(in_flight)
+    return np.concatenate([before, after, [schedule.landing_s]])
+
+
+def horizon(grid: TimeGrid, schedule: ContactSchedule, time_s: float) -> Horizon:
+    """The horizon from a moment of the jump, s since its start; from the landing on it has no step."""
+    ends = nodes(grid, schedule)
+    first = int(np.searchsorted(ends, time_s + ROUNDING_S))
+    if first < len(ends):
+        contact = time_s < schedule.take_off_s - ROUNDING_S
+        whole = grid.contact_step_s if contact else grid.flight_step_s
+        phase_ends = np.isclose(ends[first], [schedule.take_off_s, schedule.landing_s], rtol=0, atol=ROUNDING_S).any()
+        if ends[first] - time_s < whole / 2 - ROUNDING_S and not phase_ends:
+            first += 1
+    times = np.concatenate([[time_s], ends[first : first + grid.steps]])
+    begin, length = times[:-1, None], np.diff(times)[:, None]
+    share = np.clip((np.array([schedule.front_lift_off_s, schedule.take_off_s]) - begin) / length, 0.0, 1.0)
+    share[share * length < ROUNDING_S] = 0.0
+    share[(1 - share) * length < ROUNDING_S] = 1.0
+    return Horizon(times, share)
+
 
 STATES = 6
 
@@ -30,8 +83,7 @@ class ForceLimits:
     friction: float = 0.6
     largest_n: float = 350.0
     smallest_n: float = 0.0
-    from_plan_n: float | None = None
-    """Largest departure of each force from the planned one; None: any."""
+    from_plan_n: float | None = None  # Largest departure of each force from the planned one; None: any
 
     def __post_init__(self) -> None:
         if not (0 < self.friction < np.inf and 0 <= self.smallest_n < self.largest_n < np.inf):
@@ -52,21 +104,15 @@ class PreparedQp:
     """Cost after the first step, ½ zᵀ P z + pᵀ z of z = (x₁, U), and which forces are the variables of the QP."""
 
     horizon: Horizon
-    quadratic: np.ndarray
-    """P, (6 + m, 6 + m)."""
-    linear: np.ndarray
-    """p, (6 + m,)."""
+    quadratic: np.ndarray  # P, (6 + m, 6 + m)
+    linear: np.ndarray  # p, (6 + m,)
     pushing: np.ndarray
     """Which forces (front x z, rear x z) are variables at each step, bool, (n, 4); the others are zero."""
-    first: np.ndarray
-    """Indices of the forces that are variables in the first step, (m₀,)."""
-    first_push_s: np.ndarray
-    """Time for which each of them pushes in the first step, s, (m₀,)."""
-    curvature: float
-    """c."""
+    first: np.ndarray  # Indices of the forces that are variables in the first step, (m₀,)
+    first_push_s: np.ndarray  # Time for which each of them pushes in the first step, s, (m₀,)
+    curvature: float  # c
     force_weight: float
-    first_force: np.ndarray
-    """Reference of the first step's variables, (m₀,), N."""
+    first_force: np.ndarray  # Reference of the first step's variables, (m₀,), N
     lower: np.ndarray
     upper: np.ndarray
     rows: np.ndarray
@@ -110,11 +156,6 @@ class PreparedQp:
         return forces
 
 
-def scale_by_share(affine: AffineModel, share: np.ndarray) -> AffineModel:
-    """The model with the effect of each pair's force scaled by its share of the step in contact, (n, 2)."""
-    return AffineModel(affine.bias, affine.by_force * per_axis(share)[:, None, :], affine.by_state)
-
-
 def prepare_qp(
     horizon: Horizon,
     later: AffineModel,
@@ -131,7 +172,9 @@ def prepare_qp(
     steps; ``force`` (n, 4) in N; ``state_weight`` the diagonal of Q, (6,) or of each step (n, 6); at least one step.
     """
     pushing = per_axis(horizon.share > 0)
-    by_state, by_force, drift = after_first_step(horizon, scale_by_share(later, horizon.share[1:]), curvature)
+    shared = later.by_force * per_axis(horizon.share[1:])[:, None, :]  # a force acts for its share of the step
+    later = AffineModel(later.bias, shared, later.by_state)
+    by_state, by_force, drift = after_first_step(horizon, later, curvature)
     by_force = by_force[:, :, pushing[1:]]
     z = np.concatenate([by_state, by_force], axis=2).reshape(len(horizon) * STATES, -1)
     weight = np.broadcast_to(state_weight, target.shape).reshape(-1, 1)
@@ -153,11 +196,8 @@ def after_first_step(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """States at the ends of the steps as by_state x₁ + by_force U + drift: (n, 6, 6), (n, 6, n − 1, 4), (n, 6)."""
     n = len(horizon)
-    by_state, by_force, drift = (
-        np.zeros((n, STATES, STATES)),
-        np.zeros((n, STATES, n - 1, FORCES)),
-        np.zeros((n, STATES)),
-    )
+    by_state, drift = np.zeros((n, STATES, STATES)), np.zeros((n, STATES))
+    by_force = np.zeros((n, STATES, n - 1, FORCES))
     by_state[0] = np.eye(STATES)
     for j, step_s in enumerate(horizon.step_s[1:]):  # from the end of step j to that of step j + 1
         enters = np.concatenate([curvature * step_s**2 * np.eye(3), step_s * np.eye(3)])  # of an acceleration, (6, 3)

@@ -2,25 +2,95 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.jumping.control.deviation_recorder import DeviationRecorder, Observation
-from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig, GoalShiftPlanner, LandingPredictor
-from leapgap.jumping.control.guarded_solve import NOT_FINITE, SolutionRequirements, guarded_solve
-from leapgap.jumping.control.horizon import ROUNDING_S
-from leapgap.jumping.control.late_stance import LateStance, StanceMeter, Transition
-from leapgap.jumping.control.qp import Qp, QpConfig, solver
-from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
-from leapgap.jumping.control.start_frame import StartFrame
-from leapgap.jumping.control.sudden_change import ChangeWatch
-from leapgap.jumping.control.tracking import JumpController
+from leapgap.jumping.control.condensed_qp import ROUNDING_S
+from leapgap.jumping.control.goal_shift_mpc import ChangeWatch, GoalShiftConfig, GoalShiftPlanner, LandingPredictor
+from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
+from leapgap.jumping.control.qp import NOT_FINITE, Qp, QpConfig, SolutionRequirements, guarded_solve, solver
+from leapgap.jumping.control.shifted_plan import GOAL_AXES, DeviationRecorder, Observation, ShiftedPlan, ShiftGrid
+from leapgap.jumping.control.tracking import JumpController, PhaseGains
 from leapgap.jumping.models.rigid_body import Z
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
+
+
+@dataclass(frozen=True)
+class LateStance:
+    """How long a stance is measured, and where the jump goes from it."""
+
+    pitches: np.ndarray
+    """Pitches of the ground under the feet, rising, (p,), rad, nose-down. One beyond them is not believed."""
+    goals: np.ndarray  # Goal of a jump from each of them, (p, 3), m, m, rad; linear in between
+    until_s: float = 0.049
+    """Estimates before this time since the start are used. It is a tick before an update, so that choosing the goal and
+    solving the first program for it do not come in one tick."""
+    reach_s: float = 0.05  # Time in which the plan from the measured stance is reached
+
+    def goal(self, pitch: float) -> np.ndarray | None:
+        """Goal of a jump from a stance, (3,); None where there is no such ground."""
+        if not self.pitches[0] <= pitch <= self.pitches[-1]:
+            return None
+        return np.array([np.interp(pitch, self.pitches, self.goals[:, axis]) for axis in range(GOAL_AXES)])
+
+
+class StanceMeter:
+    """Mean pitch of the ground under the feet, and mean height of the base, over the estimates that were taken in."""
+
+    def __init__(self, legs: LegKinematics) -> None:
+        self.legs = legs
+        self.count = 0
+        self._pitch = self._height = 0.0
+
+    def measure(self, estimate: StateEstimate) -> None:
+        """Take in an estimate; one of which something is missing is left out."""
+        if np.isfinite([*estimate.base_position, *estimate.base_quaternion, *estimate.joint_pos]).all():
+            self.count += 1
+            self._pitch += ground_pitch(estimate, self.legs)
+            self._height += float(estimate.base_position[2])
+
+    @property
+    def pitch(self) -> float:
+        """Of the ground, rad, nose-down; asked after the first estimate."""
+        return self._pitch / self.count
+
+    @property
+    def height_m(self) -> float:
+        """Of the base in the world, m; asked after the first estimate."""
+        return self._height / self.count
+
+
+@dataclass(frozen=True)
+class Transition:
+    """The way from the plan of the expected stance to that of the measured one, linear in time."""
+
+    change: np.ndarray  # Change of goal and stance, (4,), m, m, rad, rad
+    begin_s: float
+    lasts_s: float
+
+    def share(self, time_s: float) -> float:
+        """Share of the way that is gone at a time since the start of the jump, s."""
+        return float(np.clip((time_s - self.begin_s) / self.lasts_s, 0, 1))
+
+    def move(self, shift: np.ndarray, time_s: float) -> np.ndarray:
+        """Shift of goal and stance, (4,), with a shift (3,) of the goal on the way."""
+        return np.append(shift, 0.0) + self.share(time_s) * self.change
+
+    def rate(self, rate: np.ndarray, time_s: float) -> np.ndarray:
+        """Rate of that per s, (4,), with a rate (3,) of the goal's shift."""
+        return np.append(rate, 0.0) + (self.share(time_s) < 1) / self.lasts_s * self.change
+
+
+def ground_pitch(estimate: StateEstimate, legs: LegKinematics) -> float:
+    """Pitch of the ground under a robot that stands, rad, nose-down: the slope from the rear to the front feet.
+
+    Feet by forward kinematics of the measured joints and attitude.
+    """
+    front, rear = legs.pair_offsets(estimate.base_quaternion, estimate.joint_pos)
+    return float(-np.arctan2(front[2] - rear[2], np.hypot(*(front - rear)[:2])))
+
 
 QP = QpConfig(primal_tolerance=1e-9)
 """Shifts are metres, and a joint torque may change by 100 N·m per metre: the solver's tolerance must be finer than for
@@ -66,8 +136,7 @@ class ShiftTracker(JumpController):
         self._shift, self._rate = np.zeros(GOAL_AXES), np.zeros(GOAL_AXES)
         """Shift of this tick, and its rate per s; of the stance as well where that was measured late, (4,)."""
         self._updates = 0
-        self.late = late
-        """What is still to be measured; None afterwards."""
+        self.late = late  # What is still to be measured; None afterwards
         self._meter = StanceMeter(self.legs)
         self._transition: Transition | None = None
 
@@ -82,7 +151,10 @@ class ShiftTracker(JumpController):
         shift = before + share * (self.shifts[update] - before)
         self._shift = shift if self._transition is None else self._transition.move(shift, time_s)
         if time_s <= self.reference.schedule.take_off_s:
-            self._measure(time_s, estimate, frame)
+            row = self.reference.row(time_s)
+            state = frame.state(estimate) - self.plan.at("state", row, self._shift)
+            foot = frame.foot(estimate, self.legs) - self.plan.at("foot", row, self._shift)
+            self.recorder.measure(np.concatenate([state, foot]))
         if update >= self._updates:
             self._updates = update + 1
             self._update(update, before)
@@ -135,13 +207,6 @@ class ShiftTracker(JumpController):
         """Number of ticks that a deviation is averaged over."""
         return self.recorder.kept_rows
 
-    def _measure(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> None:
-        """Take in the deviation of trunk and feet from the shifted plan."""
-        row = self.reference.row(time_s)
-        state = frame.state(estimate) - self.plan.at("state", row, self._shift)
-        foot = frame.foot(estimate, self.legs) - self.plan.at("foot", row, self._shift)
-        self.recorder.measure(np.concatenate([state, foot]))
-
     def _update(self, update: int, before: np.ndarray) -> None:
         """Choose the shift from this update on: the one before, until something sudden has happened."""
         deviation = self.recorder.keep(update)
@@ -153,17 +218,13 @@ class ShiftTracker(JumpController):
         if not np.isfinite(deviation).all():
             self.count_fallback(NOT_FINITE)
         elif since is not None and update < self.grid.free_updates:
-            self._shift_goal(update, before, since)
-
-    def _shift_goal(self, update: int, before: np.ndarray, since: np.ndarray) -> None:
-        """Take the first shift of the QP, by what a sudden change has added to the deviation, (20,)."""
-        result = guarded_solve(
-            lambda: self._problem(update, before, since), self.solver, SolutionRequirements(), self.clock
-        )
-        if result.fault is None and result.solution is not None:
-            self.shifts[update:] += result.solution.x[:GOAL_AXES]
-        else:
-            self.count_fallback(result.fault or NOT_FINITE)
+            result = guarded_solve(
+                lambda: self._problem(update, before, since), self.solver, SolutionRequirements(), self.clock
+            )
+            if result.fault is None and result.solution is not None:
+                self.shifts[update:] += result.solution.x[:GOAL_AXES]
+            else:
+                self.count_fallback(result.fault or NOT_FINITE)
 
     def _problem(self, update: int, before: np.ndarray, since: np.ndarray) -> Qp:
         assert self.model is not None and self.planner is not None and self.watch is not None

@@ -1,24 +1,146 @@
 """Several jumps in a row: jump, land, settle, next jump, each from its own take-off pose."""
 
+import time
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.border import TIME_NOT_USABLE, Border
-from leapgap.jumping.control.gains import JointGains
-from leapgap.jumping.control.horizon import ROUNDING_S
-from leapgap.jumping.control.landing import LandingConfig, LandingMpc, limited, stand, standing_force
-from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.start_frame import StartFrame
+from leapgap.jumping.control.border import TIME_NOT_USABLE, Border, JointGains
+from leapgap.jumping.control.condensed_qp import ROUNDING_S, ForceLimits, Horizon, prepare_qp
+from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
+from leapgap.jumping.control.mpc import StateWeights
+from leapgap.jumping.control.qp import NOT_FINITE, Qp, QpConfig, SolutionRequirements, guarded_solve, solver
 from leapgap.jumping.control.tracking import JumpController
-from leapgap.jumping.models.rigid_body import RigidBody
+from leapgap.jumping.models.affine_model import AffineModel, Situation
+from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, RigidBody, RigidBodyModel, X, Z
+from leapgap.logs.pair_force import FORCE_X, FORCE_Z, FORCES
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
 from leapgap.simulation.controller import Command, Controller, StateEstimate
+
+
+@dataclass(frozen=True)
+class LandingConfig:
+    """Settings of the landing's MPC. Steps, duration and soft joint gains are as published, the weights are our own."""
+
+    steps: int = 10
+    step_s: float = 0.025  # Length of a step, and time between updates
+    duration_s: float = 0.2
+    height_m: float = 0.18  # Height of the base over the soles of its feet, at rest
+    weights: StateWeights = field(
+        default_factory=lambda: StateWeights(x=50.0, z=100.0, pitch=100.0, vx=10.0, vz=5.0, pitch_rate=5.0)
+    )
+    force_weight: float = 1e-5  # Cost of a force's difference from half the robot's weight on each pair, per N²
+    limits: ForceLimits = field(default_factory=lambda: ForceLimits(friction=0.6, largest_n=350.0, smallest_n=10.0))
+    gains: JointGains = field(default_factory=lambda: JointGains(5.0, 1.0))
+    qp: QpConfig = field(default_factory=QpConfig)
+    demands: SolutionRequirements = field(default_factory=SolutionRequirements)
+
+    def __post_init__(self) -> None:
+        lengths = (self.step_s, self.duration_s, self.height_m, self.force_weight)
+        if self.steps < 1 or not all(0 < one < np.inf for one in lengths):
+            raise ValueError("steps of 1 or more, and step_s, duration_s, height_m, force_weight finite and above 0")
+
+
+class LandingMpc(Controller):
+    """Plans forces of all feet towards rest: level, midway between the feet, at a height over them.
+
+    ``pose`` (joints,) rad is what the soft joint PD pulls towards. An update that fails sends the robot's weight.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        pose: np.ndarray,
+        config: LandingConfig,
+        body: RigidBody,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        self.robot, self.pose, self.config, self.clock = robot, pose, config, clock
+        self.model = RigidBodyModel(body)
+        self.legs = LegKinematics(robot)
+        self.border = Border(robot)
+        self.solver = solver(config.qp)
+        self.fallbacks: Counter[str] = Counter()
+        self.force = standing_force(self.model.body)
+        self._next_update_s = -np.inf
+
+    def command(self, estimate: StateEstimate) -> Command:
+        """See ``Controller``: the first force of the latest plan, with a soft joint PD."""
+        judged = self.border.judged(estimate)
+        if judged is None:
+            self.fallbacks[TIME_NOT_USABLE] += 1
+            return self.border.safe_command()
+        if judged.time_s > self._next_update_s - ROUNDING_S:
+            self._next_update_s = judged.time_s + self.config.step_s
+            self.force = self._plan(judged)
+        frame = StartFrame.of(judged)  # only the heading matters here: a force has no origin
+        command = stand(self.robot, self.legs, judged, frame, self.force, self.pose, self.config.gains)
+        return self.border.sent(limited(command, self.border))
+
+    def _plan(self, estimate: StateEstimate) -> np.ndarray:
+        """First force towards rest, (4,), N; the weight of the robot where there is no solution."""
+        result = guarded_solve(lambda: self._problem(estimate), self.solver, self.config.demands, self.clock)
+        if result.fault is None and result.solution is not None:
+            return result.solution.x[: len(self.force)]
+        self.fallbacks[result.fault or NOT_FINITE] += 1
+        return standing_force(self.model.body)
+
+    def _problem(self, estimate: StateEstimate) -> Qp | None:
+        """The QP from the present state to the goal with fixed feet; the model is taken on the straight line to it."""
+        config, frame = self.config, StartFrame.of(estimate)
+        state, foot = frame.state(estimate), frame.foot(estimate, self.legs)
+        if not (np.isfinite(state).all() and np.isfinite(foot).all()):
+            return None
+        goal = np.zeros(6)
+        goal[X] = state[X] + foot[FORCE_X].mean()
+        goal[Z] = state[Z] + foot[FORCE_Z].mean() - float(self.robot.foot_radius.mean()) + config.height_m
+        steps = Horizon(config.step_s * np.arange(config.steps + 1), np.ones((config.steps, 2)))
+        way = state + (goal - state) * np.linspace(0, 1, config.steps + 1)[:-1, None]
+        feet = np.tile(foot, (config.steps, 1))
+        feet[:, FORCE_X] -= (way - state)[:, POSITION][:, [X]]
+        feet[:, FORCE_Z] -= (way - state)[:, POSITION][:, [Z]]
+        there = Situation(way, feet, steps.time_s[:-1], np.tile(state, (config.steps, 1)))
+        affine = self.model.affine(there, np.ones(config.steps, bool))
+        later, first = (AffineModel(affine.bias[part], affine.by_force[part]) for part in (slice(1, None), slice(1)))
+        targets = np.tile(goal, (config.steps, 1))
+        force = np.tile(standing_force(self.model.body), (config.steps, 1))
+        prepared = prepare_qp(steps, later, targets, force, config.weights.diagonal, config.force_weight, config.limits)
+        return prepared.qp(state, first)
+
+
+def limited(command: Command, border: Border) -> Command:
+    """A command whose torques the motors can deliver."""
+    torque, force = border.within_limits(command.torque, command.planned_force)
+    return replace(command, torque=torque, planned_force=force)
+
+
+def standing_force(body: RigidBody) -> np.ndarray:
+    """The body's weight, half on each pair, (4,), N."""
+    force = np.zeros(FORCES)
+    force[FORCE_Z] = body.mass_kg * GRAVITY / 2
+    return force
+
+
+def stand(
+    robot: Robot,
+    legs: LegKinematics,
+    estimate: StateEstimate,
+    frame: StartFrame,
+    force: np.ndarray,
+    pose: np.ndarray,
+    gains: JointGains,
+) -> Command:
+    """Command of a stance: planar pair forces (4,), N, as torques, and a joint PD towards a pose (joints,), rad."""
+    finite = np.isfinite(estimate.base_quaternion).all() and np.isfinite(estimate.joint_pos).all()
+    torque = legs.torque(estimate.base_quaternion, estimate.joint_pos, frame.in_world(force)) if finite else 0 * pose
+    still = np.zeros(len(robot.joints))
+    return Command(torque, pose, still, still + gains.kp_nm_per_rad, still + gains.kd_nms_per_rad, force)
+
 
 Phase = Literal["jump", "landing", "settling"]
 
@@ -32,14 +154,12 @@ class SequenceConfig:
     """Time after the planned take-off; feet that touch earlier have not left the ground yet."""
     latest_touch_s: float = 0.3
     """Time after the planned landing; where not both pairs are on the ground by then, the legs settle at once."""
-    confirm_s: float = 0.003
-    """Both pairs must touch for this long before the landing begins."""
+    confirm_s: float = 0.003  # Both pairs must touch for this long before the landing begins
     settle_s: float = 0.6
     """Time from the end of the landing to the next jump, in which the legs move to its first pose and stand."""
     settle_gains: JointGains = field(default_factory=lambda: JointGains(100.0, 3.0))
 
     def __post_init__(self) -> None:
-        """Refuse values that mean nothing."""
         times = (self.earliest_touch_s, self.latest_touch_s, self.confirm_s)
         if not (all(0 <= one < np.inf for one in times) and 0 < self.settle_s < np.inf):
             raise ValueError("earliest_touch_s, latest_touch_s, confirm_s finite and not below 0, settle_s above 0")
@@ -73,13 +193,8 @@ class JumpSequence(Controller):
     @property
     def fallbacks(self) -> Counter[str]:
         """Count of fallback commands by reason, of all jumps and landings so far."""
-        of_jumps = sum((jump.fallbacks for jump in self.jumps), Counter[str]())
-        return (
-            of_jumps
-            + self._own_fallbacks
-            + self._fallbacks_before
-            + (self.landing.fallbacks if self.landing else Counter())
-        )
+        of_landings = self._fallbacks_before + (self.landing.fallbacks if self.landing else Counter())
+        return sum((jump.fallbacks for jump in self.jumps), Counter[str]()) + self._own_fallbacks + of_landings
 
     def command(self, estimate: StateEstimate) -> Command:
         """See ``Controller``: the command of the present phase, a safe one where a tick has no usable time."""
@@ -87,23 +202,16 @@ class JumpSequence(Controller):
         if judged is None:
             self._own_fallbacks[TIME_NOT_USABLE] += 1
             return self.border.safe_command()
-        return self.border.sent(self._of_phase(judged))
-
-    def _of_phase(self, estimate: StateEstimate) -> Command:
-        """The command of the present phase for a judged estimate."""
-        self._notice_touch(estimate)
-        self._switch(estimate)
-        if self.phase == "jump":
-            return self.jumps[self.number].command(estimate)
-        if self.phase == "landing" and self.landing is not None:
-            return self.landing.command(estimate)
-        return self._settle(estimate)
-
-    def _notice_touch(self, estimate: StateEstimate) -> None:
-        if not all(estimate.foot_contact[feet].any() for feet in self._feet):
+        if not all(judged.foot_contact[feet].any() for feet in self._feet):
             self._both_since_s = np.inf
         elif self._both_since_s == np.inf:
-            self._both_since_s = estimate.time_s
+            self._both_since_s = judged.time_s
+        self._switch(judged)
+        if self.phase == "jump":
+            return self.border.sent(self.jumps[self.number].command(judged))
+        if self.phase == "landing" and self.landing is not None:
+            return self.border.sent(self.landing.command(judged))
+        return self.border.sent(self._settle(judged))
 
     def _switch(self, estimate: StateEstimate) -> None:
         """Enter the next phase when the present one is over."""
@@ -115,7 +223,11 @@ class JumpSequence(Controller):
             lasted, schedule = now - jump.start_s + ROUNDING_S, jump.reference.schedule
             may_touch = lasted >= schedule.take_off_s + config.earliest_touch_s
             if may_touch and now - self._both_since_s + ROUNDING_S >= config.confirm_s:
-                self._land(now)
+                if self.landing is not None:
+                    self._fallbacks_before += self.landing.fallbacks
+                self.landing = LandingMpc(self.robot, self._next_pose(), config.landing, self.body)
+                self.landings_s.append(now)
+                self.phase, self._phase_since_s = "landing", now
             elif lasted >= schedule.landing_s + config.latest_touch_s:
                 self._enter("settling", estimate)
         elif self.phase == "landing" and lasted >= config.landing.duration_s:
@@ -123,13 +235,6 @@ class JumpSequence(Controller):
         elif self.phase == "settling" and lasted >= config.settle_s and self.number + 1 < len(self.jumps):
             self.number += 1
             self._enter("jump", estimate)
-
-    def _land(self, now_s: float) -> None:
-        if self.landing is not None:
-            self._fallbacks_before += self.landing.fallbacks
-        self.landing = LandingMpc(self.robot, self._next_pose(), self.config.landing, self.body)
-        self.landings_s.append(now_s)
-        self.phase, self._phase_since_s = "landing", now_s
 
     def _enter(self, phase: Phase, estimate: StateEstimate) -> None:
         self.phase, self._phase_since_s = phase, estimate.time_s

@@ -1,27 +1,85 @@
 """MPC of the ground forces: from the present state to the forces of the horizon, or to a fallback with its reason."""
 
+import math
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from leapgap.jumping.control.condensed_qp import PreparedQp, prepare_qp
-from leapgap.jumping.control.first_step_model import FirstStep, Uncompiled, first_step
-from leapgap.jumping.control.guarded_solve import NOT_FINITE, guarded_solve
-from leapgap.jumping.control.horizon import ROUNDING_S, Horizon, horizon
-from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.control.qp import Qp, QpSolution, QpSolver, solver
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.learning.windows import MOST_STEPS
+from leapgap.jumping.control.condensed_qp import ROUNDING_S, ForceLimits, Horizon, PreparedQp, horizon, prepare_qp
+from leapgap.jumping.control.inference import FirstStep, Uncompiled, first_step
+from leapgap.jumping.control.leg_kinematics import StartFrame
+from leapgap.jumping.control.qp import (
+    NOT_FINITE,
+    Qp,
+    QpConfig,
+    QpSolution,
+    QpSolver,
+    SolutionRequirements,
+    guarded_solve,
+    solver,
+)
+from leapgap.jumping.control.tracking import JumpController, PhaseGains, Reference
+from leapgap.jumping.learning.windows import MOST_STEPS, TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
-from leapgap.jumping.models.deviation_model import CURVATURE, DeviationModel, PlannedSteps
-from leapgap.jumping.models.rigid_body import PITCH, advance
+from leapgap.jumping.models.rigid_body import CURVATURE, PITCH, DeviationModel, PlannedSteps, advance
 from leapgap.logs.pair_force import FORCES, per_axis
+from leapgap.robot.model import Robot
+from leapgap.simulation.controller import StateEstimate
+
+
+@dataclass(frozen=True)
+class StateWeights:
+    """Diagonal of Q: how much a deviation from the reference costs, by state; as used on the robot."""
+
+    x: float = 50.0
+    z: float = 2.5
+    pitch: float = 50.0
+    vx: float = 10.0
+    vz: float = 0.2
+    pitch_rate: float = 10.0
+
+    @property
+    def diagonal(self) -> np.ndarray:
+        """The weights in the order of the state, (6,)."""
+        return np.array([self.x, self.z, self.pitch, self.vx, self.vz, self.pitch_rate])
+
+
+@dataclass(frozen=True)
+class MpcConfig:
+    """Settings of the MPC, as published."""
+
+    grid: TimeGrid = field(default_factory=TimeGrid)
+    period_s: float = 0.025  # Time between updates; the first force is held in between
+    weights: StateWeights = field(default_factory=StateWeights)
+    landing_weights: StateWeights | None = None
+    """In place of ``weights`` at the planned landing, where the horizon reaches it; None: the same there."""
+    force_weight: float = 1e-6  # Cost of a force's difference from the reference, per N²
+    to_expected: bool = False
+    """Whether the MPC aims at what a model of the deviation expects of the plan alone, not at the plan: the goal was
+    chosen for that."""
+    limits: ForceLimits = field(default_factory=ForceLimits)
+    qp: QpConfig = field(default_factory=QpConfig)
+    demands: SolutionRequirements = field(default_factory=SolutionRequirements)
+    compiled: bool = False
+    """Whether updates are compiled (extra ``compiled``): the same forces to rounding, several times as fast. Of ``qp``
+    only ``max_iterations`` counts then."""
+    plan_valid_s: float = 0.1
+    """An update without a solution uses the last plan if it is no older than this, else the reference."""
+
+    def __post_init__(self) -> None:
+        positive = (self.period_s, self.force_weight)
+        weights = np.concatenate([one.diagonal for one in (self.weights, self.landing_weights) if one])
+        if not (all(0 < one < np.inf for one in positive) and (weights >= 0).all() and np.isfinite(weights).all()):
+            raise ValueError("period_s and force_weight finite and above 0, weights finite and not below 0")
+        if not 0 <= self.plan_valid_s < np.inf:
+            raise ValueError("plan_valid_s finite and not below 0")
 
 
 class Formulation(ABC):
@@ -157,11 +215,9 @@ class ForcePlan:
     """Forces of the steps of a horizon, and the solution they come from."""
 
     horizon: Horizon
-    force: np.ndarray
-    """Front x z, rear x z on the robot, N, constant during each step, (n, 4)."""
+    force: np.ndarray  # Front x z, rear x z on the robot, N, constant during each step, (n, 4)
     solution: QpSolution | None = None
-    fallback: str | None = None
-    """Why this update has no usable solution, or None."""
+    fallback: str | None = None  # Why this update has no usable solution, or None
 
     def at(self, time_s: float) -> np.ndarray:
         """Force planned for a moment, (4,); zero outside of the horizon."""
@@ -244,3 +300,97 @@ class ForcePlanner:
 def microseconds(time_s: float) -> int:
     """A time as a whole number, to be used as a key."""
     return round(time_s * 1e6)
+
+
+POSE_NOT_FINITE = "pose not finite"
+PUSHING = {pairs: per_axis(np.array(pairs)) for pairs in product((False, True), repeat=2)}
+"""Which of the four forces push, by the contact of the front and the rear pair."""
+
+
+class JumpMpc(JumpController):
+    """Plans at the MPC's period from the measured state, holds the first force, maps it to torques at every tick.
+
+    Gravity, momentum and pitch are planned as a planar body along the heading of the start; ``model`` is the nominal
+    ``RigidBodyModel``, a learned one, or one of the deviation from the plan. ``plan_now`` is the latest plan.
+    """
+
+    def __init__(
+        self,
+        reference: Reference,
+        robot: Robot,
+        gains: PhaseGains,
+        model: PredictionModel | DeviationModel,
+        config: MpcConfig,
+        level_m: float | None = 0.0,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        super().__init__(reference, robot, gains, level_m)
+        self.config = config
+        if config.compiled:  # numba is imported only where it is used
+            from leapgap.jumping.control.compiled_planner import CompiledPlanner
+            from leapgap.jumping.control.leg_kinematics import CompiledLegs
+
+            self.planner: ForcePlanner = CompiledPlanner(reference, model, config, clock)
+            self.legs = CompiledLegs(robot)
+        else:
+            self.planner = ForcePlanner(reference, model, config, clock)
+        self.fallbacks = self.planner.fallbacks
+        self.plan_now: ForcePlan | None = None
+        self._updates = 0
+        self._pose: tuple[np.ndarray, np.ndarray] | None = None
+
+    def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
+        """τ = −Jᵀ u of the first planned force, while the schedule has feet on the ground."""
+        contact = self.reference.schedule.pairs_in_contact(time_s)
+        if not any(contact):
+            return self.zero_feed_forward()
+        force = self._decided(time_s, estimate, frame) * PUSHING[contact]
+        return self.legs.planar_torque(*self._measured_pose(time_s, estimate), force, frame), force
+
+    def _decided(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> np.ndarray:
+        """Force of the latest plan, (4,), N; an update first, where one is due."""
+        if time_s > self._updates * self.config.period_s - ROUNDING_S:
+            self._update(time_s, estimate, frame)
+        assert self.plan_now is not None
+        return self.plan_now.force[0]
+
+    def _update(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> None:
+        """Plan again; the next update is due at the next whole period."""
+        self._updates = int((time_s + ROUNDING_S) / self.config.period_s) + 1
+        self.plan_now = self.planner.plan(time_s, *self.legs.planar(estimate, frame))
+        if self.plan_now.fallback is not None:
+            self.substituted.append((time_s, self.plan_now.fallback))
+
+    def _measured_pose(self, time_s: float, estimate: StateEstimate) -> tuple[np.ndarray, np.ndarray]:
+        """Quaternion (4,) and joints (joints,), measured; where not finite, the last finite ones or the reference's."""
+        pose = (estimate.base_quaternion, estimate.joint_pos)
+        if math.isfinite(pose[0] @ pose[0] + pose[1] @ pose[1]):  # of limited size, by the border
+            self._pose = pose
+            return pose
+        self.fallbacks[POSE_NOT_FINITE] += 1
+        self.substituted.append((time_s, POSE_NOT_FINITE))
+        if self._pose is not None:
+            return self._pose
+        return np.array([1.0, 0.0, 0.0, 0.0]), self.reference.joint_pos[self.reference.row(time_s)]
+
+
+class DepartingMpc(JumpMpc):
+    """The plan's own torques, which move the legs too and overcome what its joints are known to resist; the MPC adds
+    what its forces depart from the plan's by."""
+
+    def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
+        """Torques (joints,), N·m, and pair forces (4,), N."""
+        torque, force = self.planned(time_s)
+        contact = self.reference.schedule.pairs_in_contact(time_s)
+        if not any(contact):
+            return torque, force
+        decided = self._decided(time_s, estimate, frame)
+        departs = (self.config.limits.within(force + decided - self._mean) - force) * PUSHING[contact]
+        pose = self._measured_pose(time_s, estimate)
+        return torque + self.legs.planar_torque(*pose, departs, frame), force + departs
+
+    def _update(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> None:
+        super()._update(time_s, estimate, frame)
+        assert self.plan_now is not None
+        self._mean = self.reference.mean_force(self.plan_now.horizon.time_s[:2])[0]
+        """Of the plan over the first step, (4,), N."""

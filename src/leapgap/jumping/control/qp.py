@@ -2,11 +2,12 @@
 
 qp = Qp(hessian, gradient, lower, upper, rows, row_upper)
 solution = solver(QpConfig("daqp")).solve(qp)
-solution.x, solution.primal_residual, solution.dual_residual, solution.gap
+solution.x, solution.primal_residual, solution.dual_residual
 """
 
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -23,17 +24,12 @@ SOLVED, INFEASIBLE, OUT_OF_TIME, FAILED = "solved", "infeasible", "out of time",
 class Qp:
     """min ½ xᵀ H x + fᵀ x with lower ≤ x ≤ upper and A x ≤ row_upper; H positive definite."""
 
-    hessian: np.ndarray
-    """H, (n, n)."""
-    gradient: np.ndarray
-    """f, (n,)."""
+    hessian: np.ndarray  # H, (n, n)
+    gradient: np.ndarray  # f, (n,)
     lower: np.ndarray
-    upper: np.ndarray
-    """(n,) each; infinite where there is none."""
-    rows: np.ndarray
-    """A, (m, n)."""
-    row_upper: np.ndarray
-    """(m,)."""
+    upper: np.ndarray  # (n,) each; infinite where there is none
+    rows: np.ndarray  # A, (m, n)
+    row_upper: np.ndarray  # (m,)
 
     @cached_property
     def is_finite(self) -> bool:
@@ -52,23 +48,17 @@ class Qp:
         impossible = (self.lower > self.upper).any() or (self.lower == np.inf).any() or (self.upper == -np.inf).any()
         return INFEASIBLE if impossible or (self.row_upper == -np.inf).any() else None
 
-    def cost(self, x: np.ndarray) -> float:
-        """½ xᵀ H x + fᵀ x."""
-        return float(x @ (0.5 * (self.hessian @ x) + self.gradient))
-
 
 @dataclass(frozen=True)
 class QpSolution:
     """A solver's answer to a problem, and its residuals computed from the problem rather than taken from the solver."""
 
     problem: Qp
-    x: np.ndarray
-    """Solution, (n,); not finite where none was found."""
+    x: np.ndarray  # Solution, (n,); not finite where none was found
     dual: np.ndarray
     """Multipliers of the n bounds, then of the m rows: positive at an upper bound, negative at a lower one."""
     status: str
-    seconds: float
-    """Wall time inside the solver and its call."""
+    seconds: float  # Wall time inside the solver and its call
 
     @cached_property
     def primal_residual(self) -> float:
@@ -85,17 +75,6 @@ class QpSolution:
         residual = qp.hessian @ self.x + qp.gradient + self.dual[:bounds] + self.dual[bounds:] @ qp.rows
         return float(np.abs(residual).max(initial=0.0)) if np.isfinite(residual).all() else np.inf
 
-    @cached_property
-    def gap(self) -> float:
-        """|primal − dual cost|: xᵀ H x + fᵀ x + upperᵀ (dual)⁺ − lowerᵀ (dual)⁻."""
-        qp, bounds = self.problem, len(self.x)
-        upper = np.concatenate([qp.upper, qp.row_upper])
-        lower = np.concatenate([qp.lower, np.full(len(qp.row_upper), -np.inf)])
-        held = np.where(self.dual > 0, upper, np.where(self.dual < 0, lower, 0.0))
-        support = float(np.sum(held[self.dual != 0] * self.dual[self.dual != 0]))
-        gap = abs(float(self.x @ (qp.hessian @ self.x) + qp.gradient @ self.x) + support)
-        return gap if np.isfinite(gap) and len(self.dual) == bounds + len(qp.row_upper) else np.inf
-
     def fault(self, primal_tolerance: float, relative_dual_tolerance: float) -> str | None:
         """Why this solution must not be used, or None: the solver's status, non-finite values, or large residuals."""
         if self.status != SOLVED:
@@ -111,13 +90,10 @@ class QpConfig:
     """Section ``qp``: the solver and its tolerances; values for the other solver are ignored."""
 
     backend: str = "daqp"
-    primal_tolerance: float = 1e-6
-    """Constraint tolerance of ``daqp``, in the units of x."""
+    primal_tolerance: float = 1e-6  # Constraint tolerance of ``daqp``, in the units of x
     max_iterations: int = 20_000
-    eps: float = 1e-6
-    """Absolute and relative tolerance of ``osqp``."""
-    rho: float = 1e-3
-    """First step size of ``osqp``."""
+    eps: float = 1e-6  # Absolute and relative tolerance of ``osqp``
+    rho: float = 1e-3  # First step size of ``osqp``
 
 
 class QpSolver(ABC):
@@ -234,3 +210,53 @@ def solver(config: QpConfig) -> QpSolver:
     if config.backend not in BACKENDS:
         raise InputError("qp.backend", config.backend, f"one of {', '.join(BACKENDS)}", "choose one of them")
     return BACKENDS[config.backend](config)
+
+
+NOT_FINITE = "not finite"
+
+
+@dataclass(frozen=True)
+class SolutionRequirements:
+    """Requirements that a solution must meet before it is sent to a robot."""
+
+    deadline_s: float | None = None
+    """Time to build and solve a problem; None: no limit, so that runs repeat bit for bit."""
+    primal_tolerance_n: float = 0.1  # Largest violation of a limit, N
+    relative_dual_tolerance: float = 1e-4
+    """Largest dual residual, relative to the problem's gradient; a badly conditioned problem fails here."""
+
+    def __post_init__(self) -> None:
+        if not (self.deadline_s is None or self.deadline_s >= 0):
+            raise ValueError("deadline_s not below 0, or none")
+        if not (self.primal_tolerance_n > 0 and self.relative_dual_tolerance > 0):
+            raise ValueError("primal_tolerance_n and relative_dual_tolerance above 0")
+
+
+@dataclass(frozen=True)
+class GuardedSolution:
+    """A solution (None where there is none), and the reason why it must not be used (None where it may)."""
+
+    solution: QpSolution | None
+    fault: str | None
+
+
+def guarded_solve(
+    problem: Callable[[], Qp | None], solver: QpSolver, demands: SolutionRequirements, clock: Callable[[], float]
+) -> GuardedSolution:
+    """Build a problem and solve it before the deadline; ``problem`` returns None where a measurement is not finite."""
+    began = clock()
+
+    def remaining_s() -> float | None:
+        return None if demands.deadline_s is None else demands.deadline_s - (clock() - began)
+
+    qp = problem()
+    if qp is None or not qp.is_finite:
+        return GuardedSolution(None, NOT_FINITE)
+    time_limit_s = remaining_s()
+    if time_limit_s is not None and time_limit_s <= 0:
+        return GuardedSolution(None, OUT_OF_TIME)
+    solution = solver.solve(qp, time_limit_s)
+    time_left_s = remaining_s()
+    if time_left_s is not None and time_left_s < 0:
+        return GuardedSolution(solution, OUT_OF_TIME)
+    return GuardedSolution(solution, solution.fault(demands.primal_tolerance_n, demands.relative_dual_tolerance))

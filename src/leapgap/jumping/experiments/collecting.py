@@ -9,21 +9,13 @@ import numpy as np
 
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.jumping.control.excitation import Excitation, ExcitedController
-from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.mpc_config import MpcConfig
-from leapgap.jumping.control.tracking import JumpController
-from leapgap.jumping.experiments.landing import Landing
-from leapgap.jumping.experiments.method import Method, References, crouch
-from leapgap.jumping.experiments.methods.joint_pd import JointPdMethod
-from leapgap.jumping.experiments.methods.mpc import MpcMethod
-from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.trial import TrialSetup, attempt_task
+from leapgap.jumping.control.mpc import MpcConfig
+from leapgap.jumping.control.tracking import Excitation, ExcitedController, JumpController, PhaseGains
+from leapgap.jumping.experiments.method import JointPdMethod, JumpTask, Method, MpcMethod, References, crouch
+from leapgap.jumping.experiments.trial import Landing, TrialSetup, attempt_task
 from leapgap.jumping.models.planar import planar_robot
-from leapgap.jumping.models.rigid_body import RigidBody
-from leapgap.jumping.models.rigid_body_model import RigidBodyModel, planner_body
-from leapgap.jumping.planning.batch import read_targets
-from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.models.rigid_body import RigidBody, RigidBodyModel, planner_body
+from leapgap.jumping.planning.reference import read_targets, reference_to
 from leapgap.jumping.task import Target, target_of
 from leapgap.logs.log import Log, write_log
 from leapgap.robot.model import Robot
@@ -96,16 +88,8 @@ class CollectSettings:
     course: Course = field(default_factory=Course)
 
     def __post_init__(self) -> None:
-        """Refuse numbers that mean nothing."""
         if self.jumps < 1:
             raise ValueError(f"jumps {self.jumps}: 1 or more")
-
-
-def hidden_effects(variants: dict[str, Any], hardware: str, seed: int) -> tuple[Effect, ...]:
-    """Effects of the named hardware, which its controller does not know."""
-    if hardware not in variants:
-        raise InputError("collect.hardware", hardware, f"one of {', '.join(variants)}", "choose a known variant")
-    return Variant(**variants[hardware]).draw(seed)
 
 
 def targets_of(settings: CollectSettings, rng: np.random.Generator) -> list[Target]:
@@ -128,7 +112,11 @@ def plan_jumps(
 
     ``body``: what controllers assume; None: the robot's own with mass and inertia of ``rounded``, where there is one.
     """
-    effects = (*corrections, *hidden_effects(settings.variants, settings.hardware, settings.hardware_seed))
+    if settings.hardware not in settings.variants:
+        expected = f"one of {', '.join(settings.variants)}"
+        raise InputError("collect.hardware", settings.hardware, expected, "choose a known variant")
+    hidden = Variant(**settings.variants[settings.hardware]).draw(settings.hardware_seed)
+    effects = (*corrections, *hidden)
     rng = np.random.default_rng(settings.seed)
     targets = targets_of(settings, rng)
     references = {target: reference_to(target, Path(settings.references), planar_robot(robot)) for target in targets}
@@ -157,16 +145,10 @@ def collect_jumps(planned: Sequence[CollectionSpec], executor: Executor, folder:
     """Make the jumps, write their logs into a folder, and print where each landed."""
     for result in executor.map(CollectionSpec.run, planned):
         write_log(result.log, folder / f"{result.log.name}.parquet")
-        print(describe_result(result), flush=True)
-
-
-def describe_result(result: CollectionResult) -> str:
-    """One printed line: target, block, landing and fallbacks of a jump."""
-    fallbacks = f", {sum(result.fallbacks.values())} fallbacks" if result.fallbacks else ""
-    return (
-        f"{result.log.name}: {target_of(result.log).x_m:.2f} m from a {100 * result.block_m:.1f} cm block, lands "
-        f"{landing_in_words(result.landing.error_cm)}, pitched {result.landing.pitch_deg:+.0f} degrees{fallbacks}"
-    )
+        fallbacks = f", {sum(result.fallbacks.values())} fallbacks" if result.fallbacks else ""
+        begins = f"{target_of(result.log).x_m:.2f} m from a {100 * result.block_m:.1f} cm block"
+        lands = f"{landing_in_words(result.landing.error_cm)}, pitched {result.landing.pitch_deg:+.0f} degrees"
+        print(f"{result.log.name}: {begins}, lands {lands}{fallbacks}", flush=True)
 
 
 def landing_in_words(error_cm: float) -> str:

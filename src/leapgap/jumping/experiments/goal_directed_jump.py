@@ -5,26 +5,170 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from leapgap.jumping.control.deviation_recorder import Observation, ObservedJointPd
-from leapgap.jumping.control.gains import PhaseGains
-from leapgap.jumping.control.horizon import ROUNDING_S
-from leapgap.jumping.control.landing import stand
-from leapgap.jumping.control.late_stance import ground_pitch
-from leapgap.jumping.control.leg_kinematics import LegKinematics
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.control.shifted_plan import GOAL_AXES
-from leapgap.jumping.control.start_frame import StartFrame
-from leapgap.jumping.control.tracking import JumpController
-from leapgap.jumping.experiments.landing_model import target_pose
+from leapgap.jumping.control.condensed_qp import ROUNDING_S
+from leapgap.jumping.control.goal_shift_jump import ground_pitch
+from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
+from leapgap.jumping.control.shifted_plan import GOAL_AXES, Observation, ObservedJointPd
+from leapgap.jumping.control.tracking import JumpController, PhaseGains, Reference
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.models.rigid_body import Z
-from leapgap.jumping.planning.family import FamilyConfig, plan_family
 from leapgap.jumping.planning.problem import Grid, Limits
 from leapgap.jumping.planning.reference import Gains, to_jump
-from leapgap.jumping.planning.solve import Solution
+from leapgap.jumping.planning.solve import FamilyConfig, Solution, plan_family
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate
+
+GOAL = ("x", "z", "pitch")
+"""Layout of a goal and of a landing: m, m over the height of a robot that stands on level ground, rad nose-down."""
+
+
+REWEIGHTINGS = 10  # Iterations of the reweighting; most data sets settle after three
+LEAST_WEIGHT = 1e-4
+
+
+@dataclass(frozen=True)
+class AimConfig:
+    """How landing errors are learned, and what they cost when a goal is chosen."""
+
+    scale: tuple[float, float, float, float] = (0.2, 0.1, 0.2, 0.1)
+    """Typical change of each input: x, z and pitch of the goal, and pitch of the stance; m, m, rad, rad."""
+    length: float = 1.5  # Length scale of the kernel, in units of ``scale``
+    trend_ridge: float = 1.0  # Ridge of the linear trend. A quadratic trend extrapolates badly, for example to a box.
+    noise: float = 0.02  # Variance of what does not repeat from jump to jump, as a share of the kernel's variance
+    astray: float = 2.5
+    """A jump whose held-out error is this many times the median or more gets less weight, by the square of the ratio.
+    Such jumps are usually those whose feet slipped, and they say nothing about jumps whose feet held."""
+    matters: tuple[float, float, float] = (0.01, 0.03, 0.1)  # Landing errors that cost alike: m, m, rad
+    clearance_m: float = 0.015
+    """Goals are this much above the target, so that no foot touches the ground before the scheduled landing."""
+    caution: float = 0.02
+    """Cost of a goal away from the target, per squared ``scale``: of goals that land alike, the nearest is chosen."""
+    largest: tuple[float, float, float] = (0.25, 0.15, 0.2)  # Largest distance of a goal from its target: m, m, rad
+
+
+@dataclass(frozen=True)
+class LandingSamples:
+    """Goals, stances and landings of n jumps."""
+
+    goal: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # Commanded goals, (n, 3), as ``GOAL``
+    stance_pitch: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Pitch of the crouch on the ground before each jump, nose-down, (n,), rad."""
+    landing: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    """Poses at the end of the scheduled flight, (n, 3), as ``GOAL``."""
+
+    def __len__(self) -> int:
+        return len(self.stance_pitch)
+
+    def extended_by(self, other: "LandingSamples") -> "LandingSamples":
+        """These samples, followed by those of ``other``."""
+        return LandingSamples(
+            np.concatenate([self.goal, other.goal]),
+            np.concatenate([self.stance_pitch, other.stance_pitch]),
+            np.concatenate([self.landing, other.landing]),
+        )
+
+    @property
+    def inputs(self) -> np.ndarray:
+        """Goals and stance pitches as inputs of the regression, (n, 4)."""
+        return np.column_stack([self.goal, self.stance_pitch])
+
+
+class LandingModel:
+    """Landing − goal as a function of goal and stance: a linear trend and a Gaussian process on what it leaves.
+
+    With a model ``base`` of a similar robot, the same is fitted to landing − its prediction.
+    """
+
+    def __init__(self, samples: LandingSamples, config: AimConfig, base: "LandingModel | None" = None) -> None:
+        self.samples, self.config, self.base = samples, config, base
+        self.centre = samples.inputs.mean(axis=0) if len(samples) else np.zeros(4)
+        pairs = zip(samples.goal, samples.stance_pitch, strict=True)
+        self.error = samples.landing - np.array([self._expected(*pair) for pair in pairs]).reshape(-1, 3)
+        self.sample_weights = np.ones(len(samples))  # Weight of each jump in the fit, 0 to 1, (n,)
+        self._fit()
+        for _ in range(REWEIGHTINGS):
+            # A jump's weight is by its error when the process predicts it from all other jumps.
+            heldout = self.dual / np.diag(self.inverse)[:, None] / np.array(config.matters)
+            off = np.linalg.norm(heldout, axis=1)
+            usual = max(float(np.median(off)), 1.0) if len(off) else 1.0  # errors below ``matters`` are no outliers
+            self.sample_weights = np.clip((config.astray * usual / np.maximum(off, 1e-9)) ** 2, LEAST_WEIGHT, 1.0)
+            self._fit()
+
+    def _fit(self) -> None:
+        """Fit the trend, then the process to its residuals; a jump of smaller weight counts as one with more noise."""
+        samples, config = self.samples, self.config
+        trend = self._trend(samples.inputs)
+        weighted = trend.T * self.sample_weights
+        ridge = config.trend_ridge * np.eye(trend.shape[1])
+        ridge[0, 0] = 1e-6  # the mean error is free
+        self.weights = np.linalg.solve(weighted @ trend + ridge, weighted @ self.error)
+        noise = np.diag(config.noise / self.sample_weights)
+        self.inverse = np.linalg.inv(self._kernel(samples.inputs, samples.inputs) + noise)
+        residual = self.error - trend @ self.weights
+        self.dual = self.inverse @ residual
+        self.scatter = np.sqrt((residual * self.dual).sum(axis=0) / max(len(samples), 1))
+        """Standard deviation of the process, by maximum likelihood, (3,), m, m, rad."""
+
+    def landing(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
+        """Predicted landing pose, (3,), of a jump to ``goal`` (3,) from a stance of this pitch, rad; as ``GOAL``."""
+        at = np.append(goal, stance_pitch)[None]
+        learned = (self._trend(at) @ self.weights + self._kernel(at, self.samples.inputs) @ self.dual)[0]
+        return self._expected(goal, stance_pitch) + learned
+
+    def _expected(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
+        """The landing before anything is learned from the samples: the base model's, else the goal, (3,)."""
+        return goal if self.base is None else self.base.landing(goal, stance_pitch)
+
+    def deviation(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
+        """Standard deviation of that prediction, (3,), m, m, rad; it grows with the distance from the samples."""
+        k = self._kernel(np.append(goal, stance_pitch)[None], self.samples.inputs)[0]
+        return self.scatter * np.sqrt(max(1 - k @ self.inverse @ k, 0.0))
+
+    def _scaled(self, inputs: np.ndarray) -> np.ndarray:
+        return (inputs - self.centre) / np.array(self.config.scale)
+
+    def _trend(self, inputs: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.ones(len(inputs)), self._scaled(inputs)])
+
+    def _kernel(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        apart = self._scaled(a)[:, None] - self._scaled(b)[None]
+        return np.exp(-0.5 * (apart**2).sum(axis=2) / self.config.length**2)
+
+
+def target_pose(target: Target) -> np.ndarray:
+    """Pose of a perfect landing: on the target and level, (3,), as ``GOAL``."""
+    return np.array([target.x_m, target.z_m, 0.0])
+
+
+def best_goal(
+    model: LandingModel | None, target: Target, stance_pitch: float, offset: np.ndarray | None = None
+) -> np.ndarray:
+    """The goal whose landing is expected nearest to the target, (3,); the target itself without a model.
+
+    ``offset`` (3,) is how much farther than predicted this target's jumps have landed.
+    """
+    if model is None:
+        return target_pose(target)
+    from scipy.optimize import minimize  # most processes read this file and aim at nothing
+
+    config = model.config
+    desired = target_pose(target) + np.array([0.0, config.clearance_m, 0.0])
+    bias = np.zeros(3) if offset is None else offset
+    matters, scale, largest = (np.array(v) for v in (config.matters, config.scale[:3], config.largest))
+
+    def cost(shift: np.ndarray) -> float:
+        goal = desired + shift * scale
+        error = (model.landing(goal, stance_pitch) + bias - desired) / matters
+        deviation = model.deviation(goal, stance_pitch) / matters
+        return float(error @ error + deviation @ deviation + config.caution * (shift @ shift))
+
+    first = -(model.landing(desired, stance_pitch) + bias - desired)
+    starts = (np.zeros(3), np.clip(first, -largest, largest) / scale)
+    bounds = [(-edge, edge) for edge in largest / scale]
+    found = [minimize(cost, start, method="L-BFGS-B", bounds=bounds) for start in starts]
+    return desired + min(found, key=lambda one: float(one.fun)).x * scale
+
 
 NO_PLAN = "no plan from this stance"
 OTHER_PLAN = "no plan to this goal, a nearer one or of a fallback_robots robot"
@@ -72,22 +216,14 @@ class JumpPlanner:
             return goal, direct
         to_target = self.plan(target, target_pose(target), stance_pitch)
         if to_target is None:
-            return self._plan_for_fallback_robots(target, goal, stance_pitch)
+            others = (self.plan(target, goal, stance_pitch, robot) for robot in self.fallback_robots)
+            return next(((goal, solution) for solution in others if solution is not None), None)
         for share in NEARER_GOALS:
             to = target_pose(target) * (1 - share) + goal * share
             solution = self.plan(target, to, stance_pitch)
             if solution is not None:
                 return to, solution
         return target_pose(target), to_target
-
-    def _plan_for_fallback_robots(
-        self, target: Target, goal: np.ndarray, stance_pitch: float
-    ) -> tuple[np.ndarray, Solution] | None:
-        for robot in self.fallback_robots:
-            solution = self.plan(target, goal, stance_pitch, robot)
-            if solution is not None:
-                return goal, solution
-        return None
 
 
 @dataclass(frozen=True)
@@ -97,27 +233,22 @@ class Stand:
     The limits are six standard deviations and more of what a robot at rest measures with ``SensorNoise``.
     """
 
-    measured_s: float = 0.06
-    """Time over which the stance is measured, and the robot must be still; no stand is shorter."""
-    longest_s: float = 0.4
-    """A robot that is not still by then jumps all the same."""
-    still_m_s: float = 0.02
-    """Largest velocity of a base that is still along any axis, mean over a third of that time."""
-    still_rad_s: float = 0.03
-    """The same of its turning rates."""
+    measured_s: float = 0.06  # Time over which the stance is measured, and the robot must be still; no stand is shorter
+    longest_s: float = 0.4  # A robot that is not still by then jumps all the same
+    still_m_s: float = 0.02  # Largest velocity of a base that is still along any axis, mean over a third of that time
+    still_rad_s: float = 0.03  # The same of its turning rates
 
     def is_over(self, estimates: Sequence[StateEstimate]) -> bool:
         """Whether a robot with these estimates since it began to stand, one or more, may jump now."""
         stood_s = estimates[-1].time_s - estimates[0].time_s
         if stood_s < self.measured_s - ROUNDING_S:
             return False
-        return stood_s >= self.longest_s - ROUNDING_S or self._is_still(latest(estimates, self.measured_s))
-
-    def _is_still(self, estimates: Sequence[StateEstimate]) -> bool:
-        """Whether the base is slow in each third of some estimates: where it turns back, it is so for a moment."""
+        # Slow in each third of the time: where a base turns back, it is so for a moment.
         largest = np.repeat([self.still_m_s, self.still_rad_s], 3)
-        rates = np.array([(*one.base_velocity, *one.base_angular_velocity) for one in estimates])
-        return all((np.abs(third.mean(axis=0)) <= largest).all() for third in np.array_split(rates, 3))
+        newest = latest(estimates, self.measured_s)
+        thirds = np.array_split(np.array([(*one.base_velocity, *one.base_angular_velocity) for one in newest]), 3)
+        is_still = all((np.abs(third.mean(axis=0)) <= largest).all() for third in thirds)
+        return is_still or stood_s >= self.longest_s - ROUNDING_S
 
 
 @dataclass(frozen=True)
@@ -126,13 +257,10 @@ class GoalChoice:
 
     target: Target
     planner: JumpPlanner
-    aim: Callable[[Target, float], np.ndarray]
-    """Goal (3,) for a target and the pitch of the stance, rad."""
-    stance_is_seen: bool = True
-    """Whether the stance is measured; else it is taken for level."""
+    aim: Callable[[Target, float], np.ndarray]  # Goal (3,) for a target and the pitch of the stance, rad
+    stance_is_seen: bool = True  # Whether the stance is measured; else it is taken for level
     stand: Stand = field(default_factory=Stand)
-    observation: Observation = field(default_factory=Observation)
-    """When deviations from the plan are kept."""
+    observation: Observation = field(default_factory=Observation)  # When deviations from the plan are kept
 
 
 class GoalDirectedJump(JumpController):
@@ -158,7 +286,10 @@ class GoalDirectedJump(JumpController):
         stand = self.choice.stand
         self._stood.append(estimate)
         if len(self._stood) == 1 or not stand.is_over(self._stood):
-            return self._standing(estimate)
+            still = np.zeros(len(self.robot.joints))
+            gains, plan = self.gains.stance, self.reference
+            kp, kd = still + gains.kp_nm_per_rad, still + gains.kd_nms_per_rad
+            return Command(plan.torque[0], self.targets.position[0], still, kp, kd, plan.force[0])
         stance = latest(self._stood[:-1], stand.measured_s)  # the jump begins with this estimate
         self.tracker = self.plan_from(stance_pitch(stance, self.legs) if self.choice.stance_is_seen else 0.0)
         self.start_s = estimate.time_s
@@ -198,14 +329,6 @@ class GoalDirectedJump(JumpController):
     def _substitute(self, reason: str) -> None:
         self.fallbacks[reason] += 1
         self.substituted.append((0.0, reason))
-
-    def _standing(self, estimate: StateEstimate) -> Command:
-        """The first pose of the reference, and the torques that hold the robot in it."""
-        pose = self.targets.position[0]
-        command = stand(self.robot, self.legs, estimate, StartFrame.of(estimate), np.zeros(4), pose, self.gains.stance)
-        return Command(
-            self.reference.torque[0], pose, command.velocity, command.kp, command.kd, self.reference.force[0]
-        )
 
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
         """Torques (joints,), N·m, and pair forces (4,), N, of the planned jump."""

@@ -42,8 +42,7 @@ CONTACT_PARAMETERS = (*JOINT_PARAMETERS, FitParameter("foot_compliance", "time_c
 minima, so the fit starts from both."""
 BASE_SCALE, JOINT_SCALE = (0.05, 0.05, 0.1), 0.1
 """Errors of x, z and pitch of the base (m, m, rad) and of a joint (rad) that count alike in the fit."""
-COMPARISON_STEP_S = 0.02
-"""Simulated and measured motions are compared at this interval."""
+COMPARISON_STEP_S = 0.02  # Simulated and measured motions are compared at this interval
 
 
 def identify_effects_config(

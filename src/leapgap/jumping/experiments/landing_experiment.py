@@ -1,30 +1,29 @@
 """Closed-loop runs of every landing method at every task, on each simulated hardware."""
 
-from collections.abc import Mapping, Sequence
+import csv
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from dataclasses import asdict, dataclass
+from dataclasses import MISSING, asdict, dataclass, fields
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError, did_you_mean
-from leapgap.jumping.experiments.bench import Bench, TrialRunner
-from leapgap.jumping.experiments.method import Method, References, crouch
-from leapgap.jumping.experiments.method_registry import available
-from leapgap.jumping.experiments.methods.base import MethodSettings
-from leapgap.jumping.experiments.methods.practised_mpc import PractisedMpcSettings
-from leapgap.jumping.experiments.on_policy import Practised
-from leapgap.jumping.experiments.rig import LandSettings, Rig
-from leapgap.jumping.experiments.scores import ScoredRun, landing_figures, round_value, write_rows
-from leapgap.jumping.experiments.tasks import JumpTask
-from leapgap.jumping.experiments.trial import TrialSetup
-from leapgap.jumping.experiments.trial_spec import TrialResult, TrialSpec
-from leapgap.jumping.learning.npz_files import write_npz
+from leapgap.jumping.experiments import methods
+from leapgap.jumping.experiments.method import JumpTask, References, crouch
+from leapgap.jumping.experiments.methods.mpc import PractisedMpcSettings
+from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig, TrialRunner
+from leapgap.jumping.experiments.settings import LandSettings
+from leapgap.jumping.experiments.trial import TrialResult, TrialSetup, TrialSpec
+from leapgap.jumping.learning.model_files import write_npz
 from leapgap.jumping.models.planar import planar_robot
-from leapgap.jumping.models.rigid_body import RigidBody
-from leapgap.jumping.models.rigid_body_model import planner_body
-from leapgap.jumping.planning.reference_store import reference_to
+from leapgap.jumping.models.rigid_body import RigidBody, planner_body
+from leapgap.jumping.planning.reference import reference_to
 from leapgap.jumping.task import Target
+from leapgap.registry import classes_by_name
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import whole_file, write_json, write_metrics
 from leapgap.runtime.cache import ResultCache
@@ -32,19 +31,184 @@ from leapgap.runtime.executor import Executor
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.presets import Variant
 
+BOOTSTRAP_DRAWS = 1000
+
+
+@dataclass(frozen=True)
+class ScoredRun:
+    """One run of a method at a task."""
+
+    hardware: str  # Name of its variant; robots drawn from one variant count together
+    robot: str  # Which robot of the variant, as in places
+    method: str
+    task: str
+    number: int
+    planned_jumps: int  # Number of jumps in the task
+    result: TrialResult
+
+    @property
+    def key(self) -> str:
+        """Key of this run's figures in the metrics: hardware/method/task."""
+        return f"{self.hardware}/{self.method}/{self.task}"
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """One row for each jump that was made: its landing, and what the run demanded of the robot."""
+        about = {name: getattr(self, name) for name in ("hardware", "robot", "method", "task", "number")}
+        for jump, landing in enumerate(self.result.landings):
+            figures = {name: round_value(value) for name, value in asdict(landing).items()}
+            figures["disturbance"] = self.result.disturbance
+            demands = {name: round_value(value) for name, value in asdict(self.result.metrics).items()}
+            yield about | {"jump": jump} | figures | demands | {"fallbacks": sum(self.result.fallbacks.values())}
+
+
+def tables(scored: Iterable[ScoredRun], seed: int) -> dict[str, dict[str, Any]]:
+    """``{"abs_error_cm": {"worn/ours/jump_60": 1.2, …}, …}``; intervals are 95 %, as in ``interval``."""
+    groups: dict[str, list[ScoredRun]] = {}
+    for one in scored:
+        groups.setdefault(one.key, []).append(one)
+    found: dict[str, dict[str, Any]] = {}
+    for key, runs in groups.items():
+        for name, value in figures(runs, seed).items():
+            found.setdefault(name, {})[key] = value
+    return found
+
+
+def figures(runs: Sequence[ScoredRun], seed: int) -> dict[str, Any]:
+    """Figures over all jumps of some runs. A jump that was not made because one before it failed is no success."""
+    jumps = [landing for run in runs for landing in run.result.landings]
+    wanted = sum(run.planned_jumps for run in runs)
+    error = np.array([jump.error_cm for jump in jumps])
+    robots = [run.robot for run in runs for _ in run.result.landings]
+    pitch = np.array([jump.pitch_deg for jump in jumps])
+    demands = [run.result.metrics for run in runs]
+    found = {
+        "error_cm": summarise(np.mean, error),
+        "error_ci95_cm": interval(error, robots, seed),
+        "error_sd_cm": standard_deviation(error),
+        "abs_error_cm": summarise(np.mean, np.abs(error)),
+        "abs_error_ci95_cm": interval(np.abs(error), robots, seed),
+        "worst_error_cm": summarise(np.max, np.abs(error)),
+        "success": round_value(sum(jump.success for jump in jumps) / wanted),
+        "landing_pitch_deg": summarise(np.mean, np.abs(pitch)),
+        "worst_pitch_deg": summarise(np.max, np.abs(pitch)),
+        "apex": summarise(np.mean, np.array([jump.apex for jump in jumps])),
+        "jumps": wanted,
+        "jumps_made": len(jumps),
+        "fallbacks": sum(sum(run.result.fallbacks.values()) for run in runs),
+        "friction": summarise(np.max, np.array([one.friction for one in demands])),
+        "force_n": summarise(np.max, np.array([one.force_n for one in demands])),
+        "tracking_rad": summarise(np.mean, np.array([one.tracking_rad for one in demands])),
+        "short_of_torque": summarise(np.mean, np.array([one.short_of_torque for one in demands])),
+    }
+    if any(run.planned_jumps > 1 for run in runs):
+        totals = np.array([run.result.total_error_cm for run in runs if run.result.total_error_cm is not None])
+        found |= {
+            "total_error_cm": summarise(np.mean, totals),
+            "total_abs_error_cm": summarise(np.mean, np.abs(totals)),
+        }
+    return found
+
+
+def summarise(statistic: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
+    """A statistic of some values, rounded; None where there are none."""
+    return round_value(statistic(values)) if len(values) else None
+
+
+def standard_deviation(values: np.ndarray) -> float | None:
+    """Standard deviation of a sample, rounded; None of fewer than two values."""
+    return round_value(values.std(ddof=1)) if len(values) > 1 else None
+
+
+def interval(values: np.ndarray, robots: Sequence[str], seed: int) -> list[float | None] | None:
+    """95 % bootstrap interval of the mean: resamples robots, where there are several, else jumps; None of one jump."""
+    if len(values) < 2:
+        return None
+    units = np.unique(robots, return_inverse=True)[1] if len(set(robots)) > 1 else np.arange(len(values))
+    sums, counts = (np.bincount(units, weights) for weights in (values, np.ones(len(values))))
+    drawn = np.random.default_rng(seed).integers(0, len(sums), (BOOTSTRAP_DRAWS, len(sums)))
+    means = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
+    return [round_value(edge) for edge in np.percentile(means, [2.5, 97.5])]
+
+
+def round_value(value: Any) -> Any:
+    """A number rounded to three digits; truth values and None unchanged."""
+    return value if value is None or isinstance(value, bool) else round(float(value), 3)
+
+
+def mean_over_tasks(scored: Iterable[ScoredRun], tasks: Sequence[str], seed: int) -> dict[str, dict[str, Any]]:
+    """Mean absolute error and its interval over some tasks, each with equal weight, by hardware and method, cm."""
+    by: dict[str, dict[tuple[str, str], list[float]]] = {}
+    for run in scored:
+        if run.task in tasks and run.result.landings:
+            of_task = by.setdefault(f"{run.hardware}/{run.method}", {}).setdefault((run.task, run.robot), [])
+            of_task += [abs(jump.error_cm) for jump in run.result.landings]
+    return {
+        "mean_abs_error_cm": {
+            key: round_value(np.mean([np.mean(v) for v in errors.values()])) for key, errors in by.items()
+        },
+        "mean_abs_error_ci95_cm": {key: task_mean_interval(errors, seed) for key, errors in by.items()},
+    }
+
+
+def task_mean_interval(errors: Mapping[tuple[str, str], Sequence[float]], seed: int) -> list[float | None] | None:
+    """95 % bootstrap interval of the mean of the tasks' means; ``errors`` by task and robot, cm.
+
+    None where a task was jumped once on the only robot: one jump says nothing of its scatter.
+    """
+    of_robots: dict[str, list[np.ndarray]] = {}
+    for (_, robot), of_task in errors.items():
+        of_robots.setdefault(robot, []).append(np.array(of_task))
+    if len(of_robots) > 1:
+        means = np.array([np.mean([of_task.mean() for of_task in tasks]) for tasks in of_robots.values()])
+        return interval(means, list(of_robots), seed)
+    rng, (tasks,) = np.random.default_rng(seed), of_robots.values()
+    if min(len(of_task) for of_task in tasks) < 2:
+        return None
+    drawn = np.mean([rng.choice(v, (BOOTSTRAP_DRAWS, len(v))).mean(axis=1) for v in tasks], axis=0)
+    return [round_value(edge) for edge in np.percentile(drawn, [2.5, 97.5])]
+
+
+def landing_figures(scored: Sequence[ScoredRun], single: Sequence[str], seed: int) -> dict[str, Any]:
+    """Contents of ``metrics/landing.json``; ``single`` names the tasks of the mean over tasks."""
+    return tables(scored, seed) | mean_over_tasks(scored, single, seed) | {"seed": seed}
+
+
+def write_rows(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """Write a table for `dvc plots` and for spreadsheets."""
+    with whole_file(path) as beside, beside.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]) if rows else ["hardware"], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+ENTRY_POINTS = "leapgap.landing_methods"  # Entry-point group under which other packages provide methods
+
+
+@cache
+def known() -> dict[str, type[MethodSettings]]:
+    """Classes of methods by their names, in alphabetical order."""
+    return classes_by_name(methods, MethodSettings, ENTRY_POINTS)  # type: ignore[type-abstract]
+
+
+def available(configured: Mapping[str, MethodSettings]) -> dict[str, MethodSettings]:
+    """Methods by the names they can be asked for: those configured, and every class that needs no configuration."""
+    found = dict[str, MethodSettings]()
+    for name, kind in known().items():
+        if not any(one.default is MISSING and one.default_factory is MISSING for one in fields(kind)):
+            found[name] = kind()
+    return found | dict(configured)
+
+
 RUNS, FIGURES, TABLE, PAGE = "runs", "landing.json", "landings.csv", "report.html"
-MOST_REPEATS = 10_000
-"""Of a task; all runs of an experiment are listed before the first one begins."""
-LEVEL = Target(0.6)
-"""A jump to the ground, which is planned where no task has one."""
+MOST_REPEATS = 10_000  # Of a task; all runs of an experiment are listed before the first one begins
+LEVEL = Target(0.6)  # A jump to the ground, which is planned where no task has one
 
 
 @dataclass(frozen=True)
 class Hardware:
     """A simulated robot with effects that no controller knows."""
 
-    place: str
-    """Its name in paths."""
+    place: str  # Its name in paths
     variant: str
     effects: tuple[Effect, ...]
 
@@ -54,20 +218,16 @@ class LandingExperiment:
     """Grid of hardware, methods and tasks. Creating one with an unknown name is an ``InputError``."""
 
     settings: LandSettings
-    methods: Mapping[str, MethodSettings]
-    """Settings in ``land.method_settings``, by name."""
+    methods: Mapping[str, MethodSettings]  # Settings in ``land.method_settings``, by name
     variants: Mapping[str, Mapping[str, Any]]
     """Simulated hardware by name, each with the effects it has: the section ``collect.variants``."""
     tasks: Sequence[JumpTask]
-    repeats: Mapping[str, int]
-    """Number of runs of each task, by its name."""
+    repeats: Mapping[str, int]  # Number of runs of each task, by its name
     robot: Robot
     sensing: Sensing
-    rounded: RigidBody | None = None
-    """Mass and inertia of the robot, rounded as in its configuration."""
+    rounded: RigidBody | None = None  # Mass and inertia of the robot, rounded as in its configuration
 
     def __post_init__(self) -> None:
-        """Refuse unknown names, and a robot that cannot jump, before any work starts."""
         planar_robot(self.robot)
         self.hardware  # noqa: B018 (refuses unknown hardware)
         for name, number in self.repeats.items():
@@ -141,9 +301,12 @@ class LandingExperiment:
         method = rig.method(name)
         if method is None:
             return []
-        trials = [trial for _, trial in all_trials(rig.bench, {name: method}, self.tasks, self.repeats)]
-        results = rig.bench.runner.results(trials, last=True)
-        return [scored_run(hardware, name, trial, result) for trial, result in zip(trials, results, strict=True)]
+        runs = [(task, number) for task in self.tasks for number in range(self.repeats[task.name])]
+        trials = [rig.bench.trial(name, method, task, number, with_log=number == 0) for task, number in runs]
+        return [
+            ScoredRun(hardware.variant, hardware.place, name, task.name, number, task.jumps, result)
+            for (task, number), result in zip(runs, rig.bench.runner.results(trials, last=True), strict=True)
+        ]
 
 
 def hardware_of(variants: Mapping[str, Mapping[str, Any]], name: str) -> Hardware:
@@ -152,29 +315,6 @@ def hardware_of(variants: Mapping[str, Mapping[str, Any]], name: str) -> Hardwar
     if variant not in variants or not (number or "0").isdigit():
         raise InputError("land.hardware", name, f"one of {', '.join(variants)}", "choose a known variant")
     return Hardware(name.replace(":", "_"), variant, Variant(**variants[variant]).draw(int(number or 0)))
-
-
-def all_trials(
-    bench: Bench, methods: Mapping[str, Method], tasks: Sequence[JumpTask], repeats: Mapping[str, int]
-) -> list[tuple[str, TrialSpec]]:
-    """Trials of every method at every task with the name of the method; the first run of each keeps its log."""
-    return [
-        (name, bench.trial(name, method, task, number, with_log=number == 0))
-        for name, method in methods.items()
-        for task in tasks
-        for number in range(repeats[task.name])
-    ]
-
-
-def scored_run(hardware: Hardware, method: str, trial: TrialSpec, result: TrialResult) -> ScoredRun:
-    """The result of a trial with the names that its figures are grouped by."""
-    task = trial.task
-    return ScoredRun(hardware.variant, hardware.place, method, task.name, trial_number(trial), task.jumps, result)
-
-
-def trial_number(trial: TrialSpec) -> int:
-    """Number of a trial among the runs of its task, from 0."""
-    return int(trial.place.rpartition("_")[2])
 
 
 def remove_figures(out: Path) -> None:
@@ -230,19 +370,16 @@ def run_practice(experiment: LandingExperiment, executor: Executor, out: Path) -
                 path.parent.mkdir(parents=True, exist_ok=True)
                 with whole_file(path) as beside:
                     write_npz(beside, found.model.arrays())
-                for figure, values in practice_figures(found).items():
+                rounds = [asdict(one) for one in found.rounds]
+                kept: dict[str, Any] = {
+                    one: [round_value(of[one]) for of in rounds] for one in ("landed_cm", "predicted_cm", "pitch_deg")
+                }
+                kept["jumps"] = sum(one.jumps for one in found.rounds if not one.simulated)
+                kept["rounds_kept"] = found.kept
+                for figure, values in kept.items():
                     figures.setdefault(figure, {})[f"{hardware.place}/{name}"] = values
     cache.sweep()
     return figures
-
-
-def practice_figures(found: Practised) -> dict[str, Any]:
-    """Figures by round, and what was kept."""
-    rounds = [asdict(one) for one in found.rounds]
-    counted = ("jumps", "simulated")
-    by_round = {name: [round_value(one[name]) for one in rounds] for name in rounds[0] if name not in counted}
-    jumps = sum(one.jumps for one in found.rounds if not one.simulated)
-    return by_round | {"jumps": jumps, "rounds_kept": found.kept}
 
 
 def print_trial(trial: TrialSpec, result: TrialResult) -> None:

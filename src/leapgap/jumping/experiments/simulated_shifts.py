@@ -12,14 +12,12 @@ import numpy as np
 
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.jumping.control.horizon import ROUNDING_S
-from leapgap.jumping.control.reference import Reference
-from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan
+from leapgap.jumping.control.condensed_qp import ROUNDING_S
+from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan, ShiftGrid
+from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
-from leapgap.jumping.experiments.goal_shift_jump import shifted_plan
-from leapgap.jumping.experiments.landing_feedback import Authority, KickedJumps
-from leapgap.jumping.experiments.trial_spec import UPRIGHT_RAD
+from leapgap.jumping.experiments.goal_shift_jump import Authority, KickedJumps, shifted_plan
+from leapgap.jumping.experiments.trial import UPRIGHT_RAD
 from leapgap.jumping.models.rigid_body import GRAVITY
 from leapgap.jumping.planning.reference import Gains, to_jump
 from leapgap.jumping.task import Target
@@ -35,20 +33,16 @@ from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout, Starts
 from leapgap.simulation.sensors import SensorNoise
 
-TOUCHES_M = 0.002
-"""A foot this close to the ground touches it."""
-PARTS_OF_A_PUSH = 6
-"""A push is simulated as so many kicks."""
-LEAVES_WITHIN_S = 0.05
-"""Feet near the ground within this time after the take-off have not left it yet."""
+TOUCHES_M = 0.002  # A foot this close to the ground touches it
+PARTS_OF_A_PUSH = 6  # A push is simulated as so many kicks
+LEAVES_WITHIN_S = 0.05  # Feet near the ground within this time after the take-off have not left it yet
 
 
 @dataclass(frozen=True)
 class ShiftDraws:
     """Ranges of random shifts: every ``hold_s`` one is drawn, and reached linearly."""
 
-    largest: tuple[float, float, float] = (0.08, 0.06, 0.12)
-    """x, z, pitch; m, m, rad."""
+    largest: tuple[float, float, float] = (0.08, 0.06, 0.12)  # x, z, pitch; m, m, rad
     hold_s: float = 0.15
 
     def draw(self, updates: int, period_s: float, rng: np.random.Generator) -> np.ndarray:
@@ -64,10 +58,8 @@ class ShiftDraws:
 class SimulatedShiftsConfig:
     """How many jumps are simulated, and what is drawn for them."""
 
-    goals: int = 18
-    """Number of goals that are planned; each is jumped to without shifts, and with random ones."""
-    kicks: int = 40
-    """Number of kicks of each of these jumps, one at a time; every second one is a push."""
+    goals: int = 18  # Number of goals that are planned; each is jumped to without shifts, and with random ones
+    kicks: int = 40  # Number of kicks of each of these jumps, one at a time; every second one is a push
     x_m: tuple[float, float] = (0.35, 0.8)
     z_m: tuple[float, float] = (-0.04, 0.15)
     pitch_rad: tuple[float, float] = (-0.15, 0.15)
@@ -75,19 +67,15 @@ class SimulatedShiftsConfig:
     block_m: tuple[float, float] = (0.0, 0.07)
     """Height of a block under the front feet in every second goal, which the plan reckons with."""
     shifts: ShiftDraws = field(default_factory=ShiftDraws)
-    share: tuple[float, float] = (0.2, 0.6)
-    """Random shifts of a jump are scaled by a share in this range."""
+    share: tuple[float, float] = (0.2, 0.6)  # Random shifts of a jump are scaled by a share in this range
     kick: tuple[float, float, float] = (0.4, 0.2, 1.5)
     """Largest sudden change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
-    push: tuple[float, float, float] = (0.5, 0.15, 0.0)
-    """The same of what a push changes in all."""
-    push_s: tuple[float, float] = (0.05, 0.15)
-    """How long a push acts."""
+    push: tuple[float, float, float] = (0.5, 0.15, 0.0)  # The same of what a push changes in all
+    push_s: tuple[float, float] = (0.05, 0.15)  # How long a push acts
     kick_between_s: tuple[float, float] = (0.1, 0.5)
     probed_x_m: tuple[float, ...] = (0.4, 0.55, 0.7)
     """Distances of the goals at which the effect of shifts is found by differences."""
-    probes: tuple[float, float, float] = (0.03, 0.03, 0.06)
-    """Shifts, both ways, for these differences; m, m, rad."""
+    probes: tuple[float, float, float] = (0.03, 0.03, 0.06)  # Shifts, both ways, for these differences; m, m, rad
 
 
 @dataclass(frozen=True)
@@ -95,8 +83,7 @@ class Kick:
     """A sudden change of the trunk's motion."""
 
     row: int
-    change: np.ndarray
-    """Of forward and vertical velocity, m/s, and of pitch rate, rad/s, (3,)."""
+    change: np.ndarray  # Of forward and vertical velocity, m/s, and of pitch rate, rad/s, (3,)
 
 
 def draw_kick(config: SimulatedShiftsConfig, period_s: float, rng: np.random.Generator) -> list[Kick]:
@@ -122,8 +109,7 @@ class SimulatedJump:
 
     start: PreparedRun
     plan: ShiftedPlan
-    shift: np.ndarray
-    """Shift of the goal from each update on, (updates, 3)."""
+    shift: np.ndarray  # Shift of the goal from each update on, (updates, 3)
 
 
 @dataclass(frozen=True)
@@ -133,13 +119,10 @@ class ShiftSimulator:
     planner: JumpPlanner
     robot: Robot
     effects: tuple[Effect, ...]
-    level: Log
-    """A plan from level ground, from whose first pose the robot starts."""
+    level: Log  # A plan from level ground, from whose first pose the robot starts
     grid: ShiftGrid
-    average_rows: int
-    """Rows over which the deviation from the plan is averaged, as the controller does."""
-    late_rows: int
-    """Delay of the base's state, in rows."""
+    average_rows: int  # Rows over which the deviation from the plan is averaged, as the controller does
+    late_rows: int  # Delay of the base's state, in rows
     noise: SensorNoise
 
     def kicked(self, config: SimulatedShiftsConfig, rng: np.random.Generator) -> KickedJumps:
@@ -195,7 +178,7 @@ class ShiftSimulator:
         """G of each update at one goal, and half of how much it differs to both sides, (updates, 3, 3) each."""
         held = np.zeros((2, self.grid.updates + 1, GOAL_AXES, GOAL_AXES))
         """Effects of shifts that are held from each update on, to both sides."""
-        unshifted = self._simulate(jump, replayer)
+        (unshifted,) = replayer.true_motions([self._rollout(jump)])
         landing = self._landing(unshifted)
         rows_each = round(self.grid.period_s / jump.plan.reference.period_s)
         for update in range(self.grid.updates):
@@ -230,10 +213,6 @@ class ShiftSimulator:
         unshifted = np.zeros((self.grid.updates, GOAL_AXES))
         drawn = rng.uniform(*config.share) * config.shifts.draw(self.grid.updates, self.grid.period_s, rng)
         return [SimulatedJump(start, plan, shift) for shift in (unshifted, drawn)]
-
-    def _simulate(self, jump: SimulatedJump, replayer: Replayer) -> Motion:
-        """The true motion up to the scheduled landing."""
-        return replayer.true_motions([self._rollout(jump)])[0]
 
     def _kicked(self, calm: Motion, kicks: Sequence[Kick], trial: Rollout, replayer: Replayer) -> Motion:
         """The true motion of a trial with some kicks, one after the other."""

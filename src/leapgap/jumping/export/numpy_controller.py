@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 
 ROUNDING_S = 1e-6
-VIOLATION = 1e-9
-"""Violation of a constraint, in the norm of the Hessian, that counts as none."""
+VIOLATION = 1e-9  # Violation of a constraint, in the norm of the Hessian, that counts as none
 DEPENDENT = 1e-18
 LARGEST_ITERATIONS = 500
 

@@ -6,23 +6,24 @@ the stance that it may begin in: for each update a part of the Hessian, and the 
 Hessian of the plan's own goal.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.control.border import LARGEST, LARGEST_TIME_S, LONGEST_GAP_S, QUATERNION_NORMS
-from leapgap.jumping.control.goal_shift_jump import ShiftTracker
-from leapgap.jumping.control.goal_shift_mpc import GoalShiftPlanner
-from leapgap.jumping.control.late_stance import LateStance
-from leapgap.jumping.control.leg_chains import LegChains
-from leapgap.jumping.control.shift_efforts import Efforts
-from leapgap.jumping.control.sudden_change import RECENT
+from leapgap.jumping.control.compiled_planner import DualTables, update_tables
+from leapgap.jumping.control.condensed_qp import STATES
+from leapgap.jumping.control.goal_shift_jump import LateStance, ShiftTracker
+from leapgap.jumping.control.goal_shift_mpc import RECENT, GoalShiftPlanner
+from leapgap.jumping.control.leg_kinematics import LegChains
+from leapgap.jumping.control.mpc import AlongPlan, DepartingMpc, JumpMpc
 from leapgap.jumping.control.tracking import JumpController
-from leapgap.jumping.experiments.landing_feedback import LandingFeedback
-from leapgap.jumping.experiments.landing_model import LandingModel
-from leapgap.robot.model import Robot
+from leapgap.jumping.experiments.goal_directed_jump import LandingModel
+from leapgap.jumping.experiments.goal_shift_jump import LandingFeedback
+from leapgap.jumping.models.rigid_body import CURVATURE, NominalDeviation
+from leapgap.logs.pair_force import FORCES
 from leapgap.robot.topology import PAIRS
 
 IN_PLAN = {"POSITION": "joint_pos", "VELOCITY": "joint_vel", "TORQUE": "torque", "FORCE": "force", "STATE": "state"}
@@ -88,8 +89,7 @@ class ControllerTables:
 
     arrays: Mapping[str, np.ndarray]
     numbers: Mapping[str, int | float]
-    meaning: Mapping[str, str]
-    """What each array holds."""
+    meaning: Mapping[str, str]  # What each array holds
 
 
 def tables_of(tracker: ShiftTracker) -> ControllerTables:
@@ -98,20 +98,33 @@ def tables_of(tracker: ShiftTracker) -> ControllerTables:
     if not isinstance(model, LandingFeedback) or planner is None or tracker.exploration.any():
         found = "a controller that explores or has no learned model"
         raise InputError("export", found, "a controller that was learned", "let the robot practise")
-    parts = [
-        plan_tables(tracker),
-        stance_tables(tracker),
-        model_tables(model),
-        program_tables(planner),
-    ]
-    arrays = {name: values for part in parts for name, values in part.items()}
-    arrays |= {
+    config, late, plan, reference = tracker.config, tracker.late, tracker.plan, tracker.plan.reference
+    values = np.concatenate([getattr(reference, quantity) for quantity in IN_PLAN.values()], axis=1)
+    slopes = np.concatenate([plan.slopes[quantity] for quantity in IN_PLAN.values()], axis=2)
+    arrays = {
+        "plan": np.concatenate([values[:, None], slopes.transpose(1, 0, 2)], axis=1),
+        **gain_tables(tracker),
+        "stance_pitch": np.array([float(tracker.stance_pitch)]) if late is None else late.pitches,
+        "stance_goal": np.array([tracker.goal], float) if late is None else late.goals,
+        **landing_tables(model.landing),
+        "authority": model.shifts.mean,
+        "authority_x": model.shifts.x_m,
+        "carry": model.calm.carry,
+        "precision": model.calm.precision,
+        "by_change": model.by_change,
+        **program_tables(planner),
         "planned_goal": np.asarray(tracker.goal, float),
         "target": np.asarray(planner.target, float),
     }
-    config, late = tracker.config, tracker.late
     numbers: dict[str, int | float] = {
-        **sizes(arrays, planner),
+        "AXES": plan.axes,
+        "UPDATES": planner.grid.updates,
+        "VARIABLES": arrays["hessian"].shape[1],
+        "KNOTS": len(arrays["authority_x"]),
+        "PITCHES": len(arrays["stance_pitch"]),
+        "EFFORTS": len(arrays["effort_step"]),
+        "LARGEST_EFFORTS": int(np.diff(arrays["efforts_of_update"]).max()),
+        "SAMPLES": len(arrays["landing_sample"]),
         **starts(tracker),
         "KEPT": tracker.kept_rows,
         "UPDATE_S": config.period_s,
@@ -140,7 +153,12 @@ def with_body(
     """The tables of a controller with those of its robot, its border and its schedule."""
     of_border = {"position": "base_position", "velocity": "base_velocity", "angular_velocity": "base_angular_velocity"}
     of_border |= {"joint_pos": "joint_pos"}
-    own = leg_tables(tracker.robot) | {
+    pair_of_joint = np.full(len(tracker.robot.joints), -1, np.int32)
+    for pair, name in enumerate(PAIRS):
+        pair_of_joint[tracker.robot.joints_at(name)] = pair
+    own = {
+        **LegChains.of(tracker.robot).tables,
+        "pair_of_joint": pair_of_joint,
         "torque_limit": tracker.border.limit_nm,
         "quaternion_norms": np.array(QUATERNION_NORMS),
         **{f"largest_{name}": np.array(LARGEST[key]) for name, key in of_border.items()},
@@ -171,54 +189,11 @@ def starts(tracker: JumpController) -> dict[str, int]:
     return {f"OF_{name}": int(at) for name, at in zip(IN_PLAN, np.cumsum([0, *widths[:-1]]), strict=True)}
 
 
-def sizes(arrays: Mapping[str, np.ndarray], planner: GoalShiftPlanner) -> dict[str, int | float]:
-    """Lengths of the tables, by the names of their macros in C."""
-    return {
-        "AXES": planner.plan.axes,
-        "UPDATES": planner.grid.updates,
-        "VARIABLES": arrays["hessian"].shape[1],
-        "KNOTS": len(arrays["authority_x"]),
-        "PITCHES": len(arrays["stance_pitch"]),
-        "EFFORTS": len(arrays["effort_step"]),
-        "LARGEST_EFFORTS": int(np.diff(arrays["efforts_of_update"]).max()),
-        "SAMPLES": len(arrays["landing_sample"]),
-    }
-
-
-def plan_tables(tracker: ShiftTracker) -> dict[str, np.ndarray]:
-    """The plan with its slopes, and the gains of its rows."""
-    plan = tracker.plan
-    values = np.concatenate([getattr(plan.reference, quantity) for quantity in IN_PLAN.values()], axis=1)
-    slopes = np.concatenate([plan.slopes[quantity] for quantity in IN_PLAN.values()], axis=2)
-    moved = np.concatenate([values[:, None], slopes.transpose(1, 0, 2)], axis=1)
-    return {"plan": moved} | gain_tables(tracker)
-
-
 def gain_tables(tracker: JumpController) -> dict[str, np.ndarray]:
     """The gains of the plan's rows."""
     both = np.stack([tracker.targets.kp, tracker.targets.kd], axis=1)
     gains, of_row = np.unique(both.reshape(len(both), -1), axis=0, return_inverse=True)
     return {"gains": gains.reshape(-1, *both.shape[1:]), "gains_of_row": of_row.reshape(-1).astype(np.int32)}
-
-
-def stance_tables(tracker: ShiftTracker) -> dict[str, np.ndarray]:
-    """Goals of the stances that may be measured; the planned one alone where none is."""
-    late = tracker.late
-    if late is None:
-        return {"stance_pitch": np.array([float(tracker.stance_pitch)]), "stance_goal": np.array([tracker.goal], float)}
-    return {"stance_pitch": late.pitches, "stance_goal": late.goals}
-
-
-def model_tables(model: LandingFeedback) -> dict[str, np.ndarray]:
-    """The landing model, what shifts do, and what a sudden change does."""
-    return {
-        **landing_tables(model.landing),
-        "authority": model.shifts.mean,
-        "authority_x": model.shifts.x_m,
-        "carry": model.calm.carry,
-        "precision": model.calm.precision,
-        "by_change": model.by_change,
-    }
 
 
 def landing_tables(model: LandingModel) -> dict[str, np.ndarray]:
@@ -256,7 +231,15 @@ def program_tables(planner: GoalShiftPlanner) -> dict[str, np.ndarray]:
         bounds[update, :n] = 1 / np.linalg.norm(root, axis=1)
         landing_scale[update] = 1 / np.linalg.norm(ready.rows[:3] @ root, axis=1)
         norms = np.linalg.norm(basis.effort_rows @ root, axis=1)
-        efforts.append(effort_tables(basis.efforts, norms))
+        limits = basis.efforts
+        efforts.append(
+            {
+                "effort_step": limits.step.astype(np.int32),
+                "effort_slope": limits.slope / norms[:, None],
+                "effort_soft": limits.soft / norms,
+                "effort_room": limits.distance / norms,
+            }
+        )
     counts = [len(part["effort_step"]) for part in efforts]
     soft_pitch, soft_height = config.soft_landing
     return {
@@ -274,19 +257,126 @@ def program_tables(planner: GoalShiftPlanner) -> dict[str, np.ndarray]:
     }
 
 
-def effort_tables(efforts: Efforts, norms: np.ndarray) -> dict[str, np.ndarray]:
-    """Limits of forces and torques of one update, scaled."""
-    return {
-        "effort_step": efforts.step.astype(np.int32),
-        "effort_slope": efforts.slope / norms[:, None],
-        "effort_soft": efforts.soft / norms,
-        "effort_room": efforts.distance / norms,
+MEANING_OF_FORCES = {
+    "plan": "rows of the plan: joint set points, torques, forces, state, feet",
+    "variables_of_update": "number of forces that are decided at each update",
+    "firsts_of_update": "how many of them act in the first step",
+    "variable_step": "step of the horizon that each of them acts in",
+    "variable_force": "which it is: front x z, rear x z",
+    "steps_of_update": "number of steps of the horizon",
+    "edges_s": "begin of each step, and the end of the last one, s since the start of the jump",
+    "planned_force": "mean force of the plan over the first step, N",
+    "pushes_first": "whether each force acts in the first step",
+    "first_step_s": "length of the first step, s",
+    "first_push_s": "time for which each of its forces acts, s",
+    "first_model": "accelerations x, z, pitch of the deviation in the first step: constant, then by each force",
+    "first_by_state": "the same by the deviation of x, z, pitch and of their rates",
+    "cost_to_go": "curvature of the cost by the state after the first step, later forces at their best",
+    "slope_to_go": "its slope",
+    "later_force": "later forces without limits, constant part, N",
+    "later_by_state": "the same by the state after the first step",
+    "later_inverse": "inverse curvature of the cost by the later forces",
+    "cost": "curvature of the cost by the state after the first step and the later forces",
+    "cost_slope": "its slope",
+    "limits_of_update": "number of limits",
+    "limit_variable": "the one or two forces of each limit",
+    "limit_factor": "their factors; 0: none",
+    "limit_bound": "what their sum must not exceed, N",
+    "starts_of_update": "number of limits that are active at the plan",
+    "start_row": "these limits",
+}
+"""What each table holds, beside those of all controllers."""
+
+
+def force_tables_of(controller: JumpMpc) -> ControllerTables:
+    """The tables of the learned MPC before its jump.
+
+    In C, an update that comes late, because ticks were missed, uses the tables of the time at which it was due.
+    """
+    planner = controller.planner
+    along = planner.formulation
+    if not isinstance(along, AlongPlan) or isinstance(along.model, NominalDeviation):
+        found = "a controller without a learned model of the deviation"
+        raise InputError("export", found, "one that has practised", "choose a method of kind practised_mpc")
+    reference, config = controller.reference, controller.config
+    ready, models = list(planner.prepared.values()), [along.first_models[key] for key in planner.prepared]
+    duals = [update_tables(planner, key / 1e6, one) for key, one in planner.prepared.items()]
+    force = np.array([reference.mean_force(one.horizon.time_s[:2])[0] for one in ready])
+    firsts, totals = ([len(one.first) for one in ready], [int(one.pushing.sum()) for one in ready])
+    steps = max(len(one.horizon) for one in ready)
+    # The set points that the controller sends.
+    targets = {"joint_pos": controller.targets.position, "joint_vel": controller.targets.velocity}
+    parts = [targets.get(name, getattr(reference, name)) for name in IN_PLAN.values()]
+    arrays = {
+        "plan": np.concatenate(parts, axis=1)[:, None],
+        **gain_tables(controller),
+        "variables_of_update": np.array(totals, np.int32),
+        "firsts_of_update": np.array(firsts, np.int32),
+        "variable_step": padded([np.nonzero(one.pushing)[0] for one in ready]).astype(np.int32),
+        "variable_force": padded([np.nonzero(one.pushing)[1] for one in ready]).astype(np.int32),
+        "steps_of_update": np.array([len(one.horizon) for one in ready], np.int32),
+        "edges_s": padded([one.horizon.time_s for one in ready]),
+        "planned_force": force,
+        "pushes_first": np.array([one.horizon.share[0].repeat(2) > 0 for one in ready]).astype(np.int32),
+        "first_step_s": np.array([one.step_s for one in ready]),
+        "first_push_s": padded([one.first_push_s for one in ready], FORCES),
+        "first_model": np.array([constant for constant, _ in models]),
+        "first_by_state": np.array([by_state.T for _, by_state in models]),
+        "cost_to_go": np.array([one.cost_to_go for one in duals]),
+        "slope_to_go": np.array([one.slope_to_go for one in duals]),
+        "later_force": padded([one.later for one in duals]),
+        "later_by_state": padded([one.later_by_state for one in duals]),
+        "later_inverse": padded([np.linalg.inv(one.quadratic[STATES:, STATES:]) for one in duals]),
+        "cost": padded([one.quadratic for one in duals]),
+        "cost_slope": padded([one.linear for one in duals]),
+        **limit_tables(duals),
     }
+    numbers = {
+        **starts(controller),
+        "UPDATES": len(ready),
+        "UPDATE_S": config.period_s,
+        "STEPS": steps,
+        "VARIABLES": max(totals),
+        "LIMITS": arrays["limit_bound"].shape[1],
+        "LARGEST_ITERATIONS": config.qp.max_iterations,
+        "FRONT_LIFT_OFF_S": reference.schedule.front_lift_off_s,
+        "PLAN_VALID_S": config.plan_valid_s,
+        "CURVATURE": CURVATURE,
+        "FORCE_WEIGHT": config.force_weight,
+        "TOLERANCE_N": config.demands.primal_tolerance_n,
+        "RELATIVE_TOLERANCE": config.demands.relative_dual_tolerance,
+        "DEPARTS": int(isinstance(controller, DepartingMpc)),
+        "FRICTION": config.limits.friction,
+        "SMALLEST_N": config.limits.smallest_n,
+        "LARGEST_N": config.limits.largest_n,
+    }
+    return with_body(controller, arrays, numbers, MEANING_OF_FORCES)
 
 
-def leg_tables(robot: Robot) -> dict[str, np.ndarray]:
-    """Kinematics of the legs, and the pair that each joint belongs to."""
-    pair_of_joint = np.full(len(robot.joints), -1, np.int32)
-    for pair, name in enumerate(PAIRS):
-        pair_of_joint[robot.joints_at(name)] = pair
-    return {**LegChains.of(robot).tables, "pair_of_joint": pair_of_joint}
+def padded(parts: Sequence[np.ndarray], *shape: int) -> np.ndarray:
+    """Arrays of several shapes as one, zero where there is none; of the largest shape, or of one that is given."""
+    shape = shape or tuple(int(length) for length in np.max([part.shape for part in parts], axis=0))
+    found = np.zeros((len(parts), *shape), parts[0].dtype)
+    for one, part in zip(found, parts, strict=True):
+        one[tuple(map(slice, part.shape))] = part
+    return found
+
+
+def limit_tables(duals: Sequence[DualTables]) -> dict[str, np.ndarray]:
+    """The limits' rows, each of which has one force or two."""
+    variables, factors = [], []
+    for one in duals:
+        variable, factor = np.zeros((len(one.rows), 2), np.int32), np.zeros((len(one.rows), 2))
+        for row, values in enumerate(one.rows):
+            (at,) = np.nonzero(values)
+            variable[row, : len(at)], factor[row, : len(at)] = at, values[at]
+        variables.append(variable)
+        factors.append(factor)
+    return {
+        "limits_of_update": np.array([len(one.rows) for one in duals], np.int32),
+        "limit_variable": padded(variables),
+        "limit_factor": padded(factors),
+        "limit_bound": padded([one.bounds for one in duals]),
+        "starts_of_update": np.array([len(one.start) for one in duals], np.int32),
+        "start_row": padded([one.start.astype(np.int32) for one in duals], max(1, *(len(one.start) for one in duals))),
+    }

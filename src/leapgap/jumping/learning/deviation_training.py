@@ -8,17 +8,15 @@ import lightning
 import numpy as np
 import torch
 
-from leapgap.jumping.learning.deviation_ensemble import DeviationNetworks
-from leapgap.jumping.learning.deviations import BALLISTIC_S, DeviatingJump
-from leapgap.jumping.learning.models.deviation_kernel import mode_of, places
-from leapgap.jumping.learning.network import Mlp
+from leapgap.jumping.learning.models.kernel import mode_of, places
+from leapgap.jumping.learning.models.residual_networks import DeviationNetworks
 from leapgap.jumping.learning.recipe import Fitting
-from leapgap.jumping.learning.training import EmptySteps, optimiser_of, silence_advice
-from leapgap.jumping.models.deviation_model import CURVATURE
+from leapgap.jumping.learning.training import EmptySteps, Networks, optimiser_of, silence_advice
+from leapgap.jumping.learning.window_extraction import BALLISTIC_S, DeviatingJump
+from leapgap.jumping.models.rigid_body import CURVATURE
 from leapgap.logs.pair_force import per_axis
 
-ERROR_SCALE = (0.02, 0.02, 0.05, 0.1, 0.1, 0.4)
-"""Errors of a prediction that count alike, m, rad, s."""
+ERROR_SCALE = (0.02, 0.02, 0.05, 0.1, 0.1, 0.4)  # Errors of a prediction that count alike, m, rad, s
 
 
 class RollOuts(lightning.LightningModule):
@@ -32,11 +30,8 @@ class RollOuts(lightning.LightningModule):
         learned = int((jumps[0].steps.time_s < start.landing_s - BALLISTIC_S - 1e-6).sum())
         self.horizon = min(horizon, learned)
         self.starts = learned - self.horizon + 1
-        self.networks = torch.nn.ModuleDict()
-        for name, network in start.networks.items():
-            layers = zip(network.weights, network.biases, strict=True)
-            pairs = [torch.nn.ParameterList([torch.nn.Parameter(torch.tensor(a)) for a in layer]) for layer in layers]
-            self.networks[name] = torch.nn.ModuleList(pairs)
+        self.networks = Networks(start.networks)
+        self.members = len(next(iter(start.networks.values())).weights[0])
         steps = [jump.steps for jump in jumps]
         force = np.stack([jump.force * per_axis(jump.steps.pushing) for jump in jumps])[:, :learned]
         rows = np.stack([start.body.force_rows(one.foot) for one in steps])[:, :learned]
@@ -56,16 +51,10 @@ class RollOuts(lightning.LightningModule):
 
     def coefficients(self) -> torch.Tensor:
         """h, C and G of each member at every step of every jump, (S, jumps, steps, 3, 11), without units."""
-        networks: dict[str, Any] = dict(self.networks.items())
-        members = len(next(iter(networks.values()))[0][0])
-        found = torch.zeros(members, len(self.inputs), self.unit.numel())
-        for name, layers in networks.items():
-            at = self.of_mode[name]
-            hidden = self.inputs[at].expand(members, -1, -1)
-            for weight, bias in layers[:-1]:
-                hidden = torch.tanh(torch.baddbmm(bias, hidden, weight))
-            weight, bias = layers[-1]
-            found = found.index_copy(1, at, torch.baddbmm(bias, hidden, weight))
+        found = torch.zeros(self.members, len(self.inputs), self.unit.numel())
+        for name, at in self.of_mode.items():
+            raw = self.networks.run(name, self.inputs[at].expand(self.members, -1, -1))
+            found = found.index_copy(1, at, raw)
         return found.unflatten(1, self.force.shape[:2]).unflatten(-1, self.unit.shape)
 
     def training_step(self, *_: Any) -> torch.Tensor:
@@ -111,8 +100,4 @@ def fit(
         enable_model_summary=False,
     )
     trainer.fit(learner, torch.utils.data.DataLoader(EmptySteps(fitting.steps), batch_size=None))
-    networks = {}
-    for name, layers in learner.networks.items():
-        trained: Any = layers
-        networks[name] = Mlp(*(tuple(layer[i].detach().numpy().copy() for layer in trained) for i in (0, 1)))
-    return replace(start, networks=networks)
+    return replace(start, networks=learner.networks.mlps())

@@ -1,7 +1,9 @@
 """How each model is fitted to the jumps of a split."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +13,46 @@ from leapgap.jumping.learning.loggers import LoggerConfig
 from leapgap.jumping.learning.model import Model
 from leapgap.jumping.learning.models.kernel import KernelConfig, KernelModel
 from leapgap.jumping.learning.recipe import FitTask, ModelRecipe, ModelSettings, Settings, TrainingRun, settings_in
-from leapgap.jumping.learning.registry import recipes
-from leapgap.jumping.learning.splits import Split
-from leapgap.jumping.learning.store import is_stored, load
+from leapgap.jumping.learning.store import is_stored, load, recipes
 from leapgap.jumping.learning.windows import Windows
 from leapgap.jumping.models.rigid_body import RigidBody
+
+
+@dataclass(frozen=True)
+class Split:
+    """Jumps to train on and jumps to judge by."""
+
+    name: str
+    train: tuple[str, ...]
+    held_out: tuple[str, ...]
+
+
+def folds(jumps: Sequence[str], number: int) -> list[Split]:
+    """Fold f holds out every ``number``-th jump from the f-th on, in the order given; fewer with fewer jumps."""
+    number = min(number, len(jumps))
+    return [hold_out(f"fold_{f}", jumps, jumps[f::number]) for f in range(number)] if number > 1 else []
+
+
+def sessions(jumps: Sequence[str], groups: Sequence[Sequence[str]]) -> list[Split]:
+    """One split a group of name patterns, which holds the whole group out.
+
+    None where fewer than two groups have jumps, or where the session of some jump is not known; a jump in two
+    groups is an ``InputError``.
+    """
+    members = [[jump for jump in jumps if any(fnmatchcase(jump, pattern) for pattern in group)] for group in groups]
+    twice = [jump for jump in jumps if sum(jump in group for group in members) > 1]
+    if twice:
+        do = "correct the patterns, or set train.sessions=null"
+        raise InputError("train.sessions", f"{', '.join(twice)} in several sessions", "each jump in one session", do)
+    if sum(bool(group) for group in members) < 2 or sum(map(len, members)) < len(jumps):
+        return []
+    return [hold_out(f"session_{i}", jumps, group) for i, group in enumerate(members) if group]
+
+
+def hold_out(name: str, jumps: Sequence[str], held_out: Sequence[str]) -> Split:
+    """The split that holds some jumps out and trains on the others."""
+    return Split(name, tuple(jump for jump in jumps if jump not in held_out), tuple(held_out))
+
 
 MODELS = ("nominal", "nominal_fitted", "constant_velocity", "playback", "networks", "kernel", "blend")
 """Fitted unless others are asked for."""
@@ -35,32 +72,25 @@ class TrainConfig:
     sessions: list[list[str]] | None
     """Patterns of the names of the jumps of each session; None: no sessions are held out."""
     mass_kg: float
-    pitch_inertia_kgm2: float
-    """Of the nominal body that residuals correct."""
+    pitch_inertia_kgm2: float  # Of the nominal body that residuals correct
     out: str | None = None
-    models: list[str] = field(default_factory=lambda: list(MODELS))
-    """Which of the models to fit, by name."""
+    models: list[str] = field(default_factory=lambda: list(MODELS))  # Which of the models to fit, by name
     not_in_sessions: list[str] = field(default_factory=lambda: list(NOT_IN_SESSIONS))
     """Those left out where whole sessions are held out, to save time."""
-    folds: int = 4
-    """Fold f holds out jumps f, f + folds, …"""
+    folds: int = 4  # Fold f holds out jumps f, f + folds, …
     seed: int = 0
     curvature: float = 0.5
     """Curvature of the steps' positions in all models but the published ones, as in ``rigid_body.advance``."""
     model_settings: dict[str, ModelSettings] = field(default_factory=dict)
     """Settings of models by their section, where they are not the defaults."""
     steps_an_epoch: int = 25
-    threads: int = 1
-    """Of torch on the CPU; sums, hence the last bits of the weights, depend on it."""
-    processes: int = 2
-    """Splits fitted at the same time."""
-    trainer: dict[str, Any] = field(default_factory=lambda: dict(TRAINER))
-    """Arguments of Lightning's Trainer."""
+    threads: int = 1  # Of torch on the CPU; sums, hence the last bits of the weights, depend on it
+    processes: int = 2  # Splits fitted at the same time
+    trainer: dict[str, Any] = field(default_factory=lambda: dict(TRAINER))  # Arguments of Lightning's Trainer
     logger: LoggerConfig = field(default_factory=LoggerConfig)
     """What receives the losses along the trainings besides ``curves.csv``; no result depends on it."""
 
     def __post_init__(self) -> None:
-        """Refuse numbers that mean nothing, before any work."""
         for name in ("folds", "steps_an_epoch", "threads", "processes"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} {getattr(self, name)}: 1 or more")

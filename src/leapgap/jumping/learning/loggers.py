@@ -11,21 +11,18 @@ from typing import Any
 
 from leapgap.errors import needs
 
-PROJECT = "leapgap"
-"""Project of the runs in Weights & Biases."""
+PROJECT = "leapgap"  # Project of the runs in Weights & Biases
 
 
 @dataclass
 class LoggerConfig:
     """The section ``train.logger``: logger for training curves besides ``curves.csv``, and its folder."""
 
-    name: str = "csv"
-    """``csv`` for ``curves.csv`` alone, or one of ``LOGGERS``."""
+    name: str = "csv"  # ``csv`` for ``curves.csv`` alone, or one of ``LOGGERS``
     folder: str = "lightning_logs"
     """Outside the output folder, since the files hold times and would make equal results unequal."""
 
     def __post_init__(self) -> None:
-        """Refuse a name that is not known."""
         if self.name != "csv" and self.name not in LOGGERS:
             raise ValueError(f"logger {self.name}: one of csv, {', '.join(LOGGERS)}")
 

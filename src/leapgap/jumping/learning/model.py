@@ -1,16 +1,56 @@
 """The interface of all models of the base: predict the K states of a window; and the roll-out of affine ones."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.learning.flat_model import PHASES, FlatPhase, Part
 from leapgap.jumping.learning.windows import RolloutInputs, Windows
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.rigid_body import GRAVITY, RigidBody, advance
+
+OUTPUTS = 15  # bias (3), by_force (3 × 4)
+PHASES = ("contact", "flight")
+
+
+@dataclass(frozen=True)
+class Part:
+    """One summand of a phase: a ``perceptron`` or a ``kernel``."""
+
+    kind: str
+    arrays: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class FlatPhase:
+    """constant + feet · foot + Σ parts(known), a function of n moments with values (n, 15)."""
+
+    constant: np.ndarray  # Shape (15,)
+    feet: np.ndarray  # Shape (4, 15)
+    parts: tuple[Part, ...]
+
+
+def average_flat_models(members: Sequence[dict[str, FlatPhase]]) -> dict[str, FlatPhase]:
+    """The flat form of the mean of several models."""
+    share = 1 / len(members)
+    return {
+        phase: FlatPhase(
+            np.mean([member[phase].constant for member in members], axis=0),
+            np.mean([member[phase].feet for member in members], axis=0),
+            tuple(scale_part(part, share) for m in members for part in m[phase].parts),
+        )
+        for phase in PHASES
+    }
+
+
+def scale_part(part: Part, share: float) -> Part:
+    """The part whose outputs are ``share`` times those of ``part``."""
+    last = len(part.arrays) // 2 - 1
+    outputs = ("coefficients",) if part.kind == "kernel" else (f"weight_{last}", f"bias_{last}")
+    return Part(part.kind, {name: a * share if name in outputs else a for name, a in part.arrays.items()})
 
 
 class Model(ABC):
@@ -47,10 +87,8 @@ class Nominal:
     """Nominal model that a residual is added to: the rigid body, each row of B(r) multiplied by a gain."""
 
     body: RigidBody
-    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Gains of the vx, vz and pitch-rate rows."""
-    curvature: float = 0.0
-    """Curvature of a step's positions, as in ``rigid_body.advance``."""
+    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)  # Gains of the vx, vz and pitch-rate rows
+    curvature: float = 0.0  # Curvature of a step's positions, as in ``rigid_body.advance``
 
     def at(self, foot: np.ndarray) -> AffineModel:
         """Its accelerations, affine in the force, with feet (n, 4)."""

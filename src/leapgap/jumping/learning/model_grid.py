@@ -1,27 +1,23 @@
 """All models on all splits: fitted where they are not in the cache, kept where they are."""
 
-import csv
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.learning import export, loggers
-from leapgap.jumping.learning.experiment import TrainConfig, fit_task, fit_uncertainty
-from leapgap.jumping.learning.model import Model
-from leapgap.jumping.learning.npz_files import read_npz
-from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe, ModelSettings
-from leapgap.jumping.learning.registry import find_recipe, recipes
-from leapgap.jumping.learning.splits import Split, folds, sessions, train_on_all
-from leapgap.jumping.learning.store import StoredModel, load, save
+from leapgap.jumping.learning import loggers
+from leapgap.jumping.learning.experiment import Split, TrainConfig, fit_task, fit_uncertainty, folds, sessions
+from leapgap.jumping.learning.model_files import read_npz, write_csv
+from leapgap.jumping.learning.recipe import ModelRecipe, ModelSettings
+from leapgap.jumping.learning.store import StoredModel, export_model, find_recipe, load, recipes, save
 from leapgap.jumping.learning.windows import ARRAYS, Purpose, Windows
-from leapgap.runtime.atomic_io import read_json, whole_file, write_json
+from leapgap.runtime.atomic_io import read_json, write_json
 from leapgap.runtime.blas import one_blas_thread
 from leapgap.runtime.cache import ResultCache, result_key
 from leapgap.runtime.processes import starting_workers
@@ -52,16 +48,14 @@ def train(
         return []
     (out / NOTE).unlink(missing_ok=True)
     loggers.prepare(config.logger, out)
-    splits = [
-        *folds(windows.jumps, config.folds),
-        *sessions(windows.jumps, config.sessions or []),
-        train_on_all(windows.jumps),
-    ]
-    jobs = [SplitJob(windows, config, split, keys_of(windows, split, config), cache) for split in splits]
-    for place, key in [pair for job in jobs for pair in job.places()] + exports(jobs[-1]):
+    jumps = windows.jumps
+    splits = [*folds(jumps, config.folds), *sessions(jumps, config.sessions or []), Split("all", tuple(jumps), ())]
+    jobs = [SplitJob(windows, config, split, cache) for split in splits]
+    every, used = [part for job in jobs for part in job.parts], jobs[-1]
+    for place, key in [(part.place, part.key) for part in every] + used.exports:
         cache.expect(place, key)
     cache.sweep()
-    parts = [part for job in jobs for part in job.parts() if not part.is_kept]
+    parts = [part for part in every if cache.get(part.place, part.key) is None]
     left, ready = Counter(part.job.split.name for part in parts), 0
     for done in run_parts(parts, config.processes):
         name = done.job.split.name
@@ -70,15 +64,25 @@ def train(
             ready += 1
             models = sum(part.is_model and part.job.split.name == name for part in parts)
             progress(f"{name} ({ready} of {len(splits)}): {models} models fitted")
-    write_json(
-        out / SPLITS,
-        {
-            split.name: {"models": config.models_of(split), "train": split.train, "held_out": split.held_out}
-            for split in splits
-        },
-    )
-    export_models(jobs[-1])
-    write_all_curves(out, {split.name: config.models_of(split) for split in splits})
+    models_of = {split.name: config.models_of(split) for split in splits}
+    about = {one.name: {"models": models_of[one.name], "train": one.train, "held_out": one.held_out} for one in splits}
+    write_json(out / SPLITS, about)
+    for place, key in used.exports:
+        if cache.get(place, key) is None:
+            name = Path(place).name
+            source = recipes()[name].uncertainty_from
+            path = out / f"{uncertainty_place(used.split, source)}.npz" if source in recipes() else None
+            variance = read_npz(path)["variance"] if path and path.is_file() else None
+            with cache.store(place, key) as folder:
+                model, deviation = load(out / used.split.name, name), None if variance is None else np.sqrt(variance)
+                export_model(model, folder, name, deviation)
+    curves = [
+        (of, name, *("" if value is None else f"{value:.6g}" for value in row))
+        for of, names in models_of.items()
+        for name in names
+        for row in read_json(out / of / f"{name}.curve.json")["rows"]
+    ]
+    write_csv(out / CURVES, ["split", "model", "step", "train_loss", "validation_loss"], curves)
     return [part.place for part in parts if part.is_model]
 
 
@@ -89,28 +93,37 @@ class SplitJob:
     windows: Windows
     config: TrainConfig
     split: Split
-    keys: dict[str, str]
-    """Cache key of each model that is fitted on this split, by the model's name."""
     cache: ResultCache
 
-    @property
+    @cached_property
+    def keys(self) -> dict[str, str]:
+        """Cache key of each model that is fitted on this split, by the model's name."""
+        return {name: key_of(self.windows, self.split, name, self.config) for name in self.config.models_of(self.split)}
+
+    @cached_property
     def uncertainty_keys(self) -> dict[str, str]:
-        """Keys of the learned errors, by the model whose errors they are."""
-        return {
-            recipe.name: result_key(fit_uncertainty, self.keys[recipe.name])
-            for recipe in uncertainty_recipes(self.config, self.split)
-        }
+        """Keys of the learned errors on left-out training jumps, by the model whose errors they are.
 
-    def places(self) -> list[tuple[str, str]]:
-        """Places and keys of all results."""
-        models = [(f"{self.split.name}/{name}", key) for name, key in self.keys.items()]
-        return models + [(uncertainty_place(self.split, name), key) for name, key in self.uncertainty_keys.items()]
+        A whole session held out is another distribution, which no training jump foresees.
+        """
+        if self.split.name.startswith("session") or len(self.split.train) < 2:
+            return {}
+        named = [name for name, recipe in recipes().items() if recipe.uncertainty_file and name in self.keys]
+        return {name: result_key(fit_uncertainty, self.keys[name]) for name in named}
 
+    @property
     def parts(self) -> list["Part"]:
         """Everything to fit, models in their order and then the learned errors."""
         models = [Part(self, name, f"{self.split.name}/{name}", key, True) for name, key in self.keys.items()]
         errors = self.uncertainty_keys.items()
         return models + [Part(self, name, uncertainty_place(self.split, name), key, False) for name, key in errors]
+
+    @property
+    def exports(self) -> list[tuple[str, str]]:
+        """Places and keys of the models of this split in the form that others read."""
+        errors = sorted(self.uncertainty_keys.items())
+        exported = [(name, key) for name, key in self.keys.items() if recipes()[name].can_be_exported]
+        return [(f"{EXPORTED}/{name}", result_key(export_model, (name, key, errors))) for name, key in exported]
 
 
 @dataclass(frozen=True)
@@ -118,16 +131,10 @@ class Part:
     """Fits one model of a split, or learns the errors of one."""
 
     job: SplitJob
-    name: str
-    """Name of the model that is fitted, or whose errors are learned."""
+    name: str  # Name of the model that is fitted, or whose errors are learned
     place: str
     key: str
     is_model: bool
-
-    @property
-    def is_kept(self) -> bool:
-        """Whether the result is in the cache."""
-        return self.job.cache.get(self.place, self.key) is not None
 
     @property
     def needs(self) -> set[str]:
@@ -144,20 +151,16 @@ class Part:
             if self.is_model:
                 of_split, scratch = cache.folder / split.name, cache.scratch(self.place, self.key)
                 task = fit_task(job.config, split, self.name, train_on, held_out, of_split, scratch)
-                model, curve = fit(recipe, task)
+                try:
+                    model, curve = recipe.fit(task)
+                except np.linalg.LinAlgError as error:
+                    found = f"no solution ({error})"
+                    do = "raise its ridge in conf/train, or look for jumps that are copies of one another"
+                    raise InputError(f"model {self.name}", found, "equations that determine it", do) from None
                 write_json(folder / f"{self.name}.curve.json", {"rows": curve})
                 save(StoredModel(model, Purpose.of(job.windows), split.train, self.key), folder, self.name)
             else:
                 fit_uncertainty(train_on, job.config, recipe, folder / f"{Path(self.place).name}.npz")
-
-
-def fit(recipe: ModelRecipe, task: FitTask) -> tuple[Model, LearningCurve]:
-    """Fit a recipe's model; ``InputError`` where its equations have no solution."""
-    try:
-        return recipe.fit(task)
-    except np.linalg.LinAlgError as error:
-        do = "raise its ridge in conf/train, or look for jumps that are copies of one another"
-        raise InputError(f"model {recipe.name}", f"no solution ({error})", "equations that determine it", do) from None
 
 
 def run_parts(parts: Sequence[Part], processes: int) -> Iterator[Part]:
@@ -173,11 +176,17 @@ def run_parts(parts: Sequence[Part], processes: int) -> Iterator[Part]:
         return
     waiting, missing = list(parts), {part.place for part in parts}
     running: dict[Future[None], Part] = {}
+
+    def start_ready() -> None:
+        for part in [one for one in waiting if not one.needs & missing]:
+            waiting.remove(part)
+            running[pool.submit(part.run)] = part
+
     with starting_workers() as (initializer, arguments):
         pool = ProcessPoolExecutor(
             processes, mp_context=get_context("spawn"), initializer=initializer, initargs=arguments
         )
-        running |= start_ready(pool, waiting, missing)
+        start_ready()
     try:
         while running:
             for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -185,47 +194,9 @@ def run_parts(parts: Sequence[Part], processes: int) -> Iterator[Part]:
                 future.result()
                 missing.discard(part.place)
                 yield part
-            running |= start_ready(pool, waiting, missing)
+            start_ready()
     finally:
         pool.shutdown(cancel_futures=True)
-
-
-def start_ready(pool: ProcessPoolExecutor, waiting: list[Part], missing: set[str]) -> "dict[Future[None], Part]":
-    """Start the parts, of those that wait, that need nothing that is missing; they wait no longer."""
-    ready = [part for part in waiting if not part.needs & missing]
-    waiting[:] = [part for part in waiting if part.needs & missing]
-    return {pool.submit(part.run): part for part in ready}
-
-
-def exports(job: SplitJob) -> list[tuple[str, str]]:
-    """Places and keys of the models of all jumps in the form that others read."""
-    uncertainties = sorted(job.uncertainty_keys.items())
-    return [
-        (f"{EXPORTED}/{name}", result_key(export.write, (name, key, uncertainties)))
-        for name, key in job.keys.items()
-        if recipes()[name].can_be_exported
-    ]
-
-
-def export_models(job: SplitJob) -> None:
-    """Write the models of all jumps for others, where they changed."""
-    for place, key in exports(job):
-        if job.cache.get(place, key) is None:
-            name = Path(place).name
-            model = load(job.cache.folder / job.split.name, name)
-            with job.cache.store(place, key) as folder:
-                export.write(model, folder, name, deviation_of(job.cache.folder, job.split, name))
-
-
-def uncertainty_recipes(config: TrainConfig, split: Split) -> list[ModelRecipe]:
-    """Recipes whose errors on left-out training jumps are learned on a split.
-
-    A whole session held out is another distribution, which no training jump foresees.
-    """
-    if split.name.startswith("session") or len(split.train) < 2:
-        return []
-    names = config.models_of(split)
-    return [recipe for recipe in recipes().values() if recipe.uncertainty_file and recipe.name in names]
 
 
 def uncertainty_place(split: Split, name: str) -> str:
@@ -233,24 +204,15 @@ def uncertainty_place(split: Split, name: str) -> str:
     return f"{split.name}/{recipes()[name].uncertainty_file}"
 
 
-def deviation_of(out: Path, split: Split, name: str) -> np.ndarray | None:
-    """Expected errors of a model in familiar situations, (starts, K, 6), where they were learned."""
-    source = recipes()[name].uncertainty_from
-    path = out / f"{uncertainty_place(split, source)}.npz" if source in recipes() else None
-    return np.sqrt(read_npz(path)["variance"]) if path and path.is_file() else None
-
-
-def keys_of(windows: Windows, split: Split, config: TrainConfig) -> dict[str, str]:
-    """The keys of all models of a split."""
-    return {name: key_of(windows, split, name, config) for name in config.models_of(split)}
-
-
 def key_of(windows: Windows, split: Split, name: str, config: TrainConfig) -> str:
     """Hash of a model's windows, settings and code; its held-out windows only shape its curve."""
-    jumps = windows.of_jumps(split.train + split.held_out)
+    jumps, settings = windows.of_jumps(split.train + split.held_out), asdict(config)
+    for shapes_no_model in ("windows", "out", "models", "not_in_sessions", "folds", "sessions", "processes", "logger"):
+        settings.pop(shapes_no_model)
+    settings["trainer"].pop("enable_progress_bar", None)
     inputs = {
         "models": with_members(name),
-        "settings": shared_settings(config) | {"model_settings": own_settings(name, config)},
+        "settings": settings | {"model_settings": own_settings(name, config)},
         "train": split.train,
         "held_out": split.held_out,
         "windows": {array: getattr(jumps, array) for array in ARRAYS},
@@ -269,34 +231,3 @@ def own_settings(name: str, config: TrainConfig) -> dict[str, ModelSettings]:
     """The settings of their own that a model and its members depend on, by section."""
     kinds = [recipe.settings for recipe in with_members(name) if recipe.settings]
     return {kind.section: config.settings(kind) for kind in kinds}
-
-
-def shared_settings(config: TrainConfig) -> dict[str, Any]:
-    """The settings that every model depends on."""
-    settings = asdict(config)
-    others = (
-        "windows",
-        "out",
-        "models",
-        "not_in_sessions",
-        "folds",
-        "sessions",
-        "processes",
-        "logger",
-        "model_settings",
-    )
-    for name in others:
-        settings.pop(name)
-    settings["trainer"].pop("enable_progress_bar", None)
-    return settings
-
-
-def write_all_curves(out: Path, models: dict[str, list[str]]) -> None:
-    """``curves.csv``: the losses along all trainings, by split and model."""
-    with whole_file(out / CURVES) as beside, beside.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["split", "model", "step", "train_loss", "validation_loss"])
-        for split, names in models.items():
-            for name in names:
-                rows = read_json(out / split / f"{name}.curve.json")["rows"]
-                writer.writerows([split, name, *("" if v is None else f"{v:.6g}" for v in row)] for row in rows)

@@ -1,29 +1,37 @@
 """Residual networks read without torch: h1, G1 in contact and h2 in flight, in NumPy, ensembles in one batch."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
 
-from leapgap.jumping.learning.flat_model import OUTPUTS, Part
-from leapgap.jumping.learning.model import Nominal, ResidualModel
+from leapgap.jumping.learning.model import OUTPUTS, Nominal, Part, ResidualModel
+from leapgap.jumping.learning.model_files import arrays_below
 from leapgap.jumping.learning.windows import RolloutInputs, drop_forces
 from leapgap.jumping.models.affine_model import AffineModel, Situation, columns, selection
 
-NETWORKS = ("contact/h", "contact/G", "flight/h")
-"""h1, G1 and h2 of the paper."""
+NETWORKS = ("contact/h", "contact/G", "flight/h")  # h1, G1 and h2 of the paper
 
 
 @dataclass(frozen=True)
 class Mlp:
     """A multilayer perceptron with tanh between its layers; S of them, side by side."""
 
-    weights: tuple[np.ndarray, ...]
-    """Each (S, in, out)."""
-    biases: tuple[np.ndarray, ...]
-    """Each (S, 1, out)."""
+    weights: tuple[np.ndarray, ...]  # Each (S, in, out)
+    biases: tuple[np.ndarray, ...]  # Each (S, 1, out)
+
+    def arrays(self, name: str) -> dict[str, np.ndarray]:
+        """Its arrays, as ``<name>/weight_0`` and ``<name>/bias_0``."""
+        kinds = {"weight": self.weights, "bias": self.biases}
+        return {f"{name}/{kind}_{i}": one for kind, layers in kinds.items() for i, one in enumerate(layers)}
+
+    @staticmethod
+    def of(arrays: Mapping[str, np.ndarray]) -> "Mlp":
+        """The perceptron of stored arrays ``weight_0``, ``bias_0`` and so on."""
+        layers = range(len(arrays) // 2)
+        return Mlp(*(tuple(arrays[f"{kind}_{i}"] for i in layers) for kind in ("weight", "bias")))
 
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
         """(n, f) → (S, n, outputs)."""
@@ -37,18 +45,12 @@ class Mlp:
 class Scaling:
     """Units of a phase's networks: what their inputs are divided by, their outputs multiplied with."""
 
-    input_mean: np.ndarray
-    """Taken off the raw inputs, (f,)."""
-    input_scale: np.ndarray
-    """Divides the inputs after their mean is taken off, (f,)."""
-    force_mean: np.ndarray
-    """(4,), N: the force at which h alone acts."""
-    force_scale: np.ndarray
-    """(4,), N: G's outputs are per this much force."""
-    mean: np.ndarray
-    """Added to h, (3,), m/s² and rad/s²."""
-    scale: np.ndarray
-    """Of h and G, (3,), m/s² and rad/s²."""
+    input_mean: np.ndarray  # Taken off the raw inputs, (f,)
+    input_scale: np.ndarray  # Divides the inputs after their mean is taken off, (f,)
+    force_mean: np.ndarray  # (4,), N: the force at which h alone acts
+    force_scale: np.ndarray  # (4,), N: G's outputs are per this much force
+    mean: np.ndarray  # Added to h, (3,), m/s² and rad/s²
+    scale: np.ndarray  # Of h and G, (3,), m/s² and rad/s²
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,7 @@ class NetworkModel(ResidualModel):
     names: tuple[str, ...]
     contact: Scaling
     flight: Scaling
-    networks: dict[str, Mlp]
-    """By the names of ``NETWORKS``."""
+    networks: dict[str, Mlp]  # By the names of ``NETWORKS``
 
     def residual(self, situation: Situation, contact: np.ndarray) -> AffineModel:
         """h and G, mean of the members."""
@@ -96,8 +97,7 @@ class NetworkModel(ResidualModel):
             for name, value in vars(part).items()
         }
         for name, network in self.networks.items():
-            found |= {f"{name}/weight_{i}": weight for i, weight in enumerate(network.weights)}
-            found |= {f"{name}/bias_{i}": bias for i, bias in enumerate(network.biases)}
+            found |= network.arrays(name)
         return found
 
     def settings(self) -> dict[str, Any]:
@@ -111,12 +111,7 @@ class NetworkModel(ResidualModel):
             Scaling(**{name: arrays[f"{phase}/{name}"] for name in Scaling.__dataclass_fields__})
             for phase in ("contact", "flight")
         )
-        networks = {}
-        for name in NETWORKS:
-            layers = range(sum(key.startswith(f"{name}/weight_") for key in arrays))
-            networks[name] = Mlp(
-                tuple(arrays[f"{name}/weight_{i}"] for i in layers), tuple(arrays[f"{name}/bias_{i}"] for i in layers)
-            )
+        networks = {name: Mlp.of(arrays_below(arrays, name)) for name in NETWORKS}
         return cls(Nominal.from_json(settings["nominal"]), tuple(settings["inputs"]), contact, flight, networks)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from leapgap.jumping.learning.flat_model import FlatPhase, Part
+from leapgap.jumping.learning.model import FlatPhase, Part
 
 OPSET = 18
 IR_VERSION = 10
@@ -55,24 +55,28 @@ def serialise(phases: Mapping[str, FlatPhase], about: Mapping[str, object], know
     graph.node("Slice", both, bounds[0], bounds[1], bounds[3], out="bias")
     flat = graph.node("Slice", both, bounds[1], bounds[2], bounds[3])
     graph.node("Reshape", flat, graph.constant(np.array([-1, 3, 4])), out="by_force")
-    inputs = [
-        helper.make_tensor_value_info(name, TensorProto.DOUBLE, ["n"] if size is None else ["n", size])
-        for name, size in INPUTS.items()
-    ]
-    inputs.append(helper.make_tensor_value_info("contact", TensorProto.BOOL, ["n"]))
-    outputs = [
-        helper.make_tensor_value_info("bias", TensorProto.DOUBLE, ["n", 3]),
-        helper.make_tensor_value_info("by_force", TensorProto.DOUBLE, ["n", 3, 4]),
+    inputs = {name: (TensorProto.DOUBLE, *([] if size is None else [size])) for name, size in INPUTS.items()}
+    outputs = {"bias": (TensorProto.DOUBLE, 3), "by_force": (TensorProto.DOUBLE, 3, 4)}
+    return finished(graph, "leapgap", inputs | {"contact": (TensorProto.BOOL,)}, outputs, about)
+
+
+def finished(
+    graph: Graph, name: str, inputs: Mapping[str, Any], outputs: Mapping[str, Any], about: Mapping[str, object]
+) -> bytes:
+    """The bytes of a graph of batches, with type and further axes of its inputs and outputs."""
+    ends = [
+        [helper.make_tensor_value_info(key, kind, ["n", *axes]) for key, (kind, *axes) in of.items()]
+        for of in (inputs, outputs)
     ]
     model = helper.make_model(
-        helper.make_graph(graph.nodes, "leapgap", inputs, outputs, graph.constants),
+        helper.make_graph(graph.nodes, name, *ends, graph.constants),
         opset_imports=[helper.make_opsetid("", OPSET)],
         ir_version=IR_VERSION,
         producer_name="leapgap",
     )
-    helper.set_model_props(model, {"leapgap": json.dumps(about, sort_keys=True)})
+    helper.set_model_props(model, {"leapgap": json.dumps(dict(about), sort_keys=True)})
     onnx.checker.check_model(model)
-    return model.SerializeToString(deterministic=True)
+    return bytes(model.SerializeToString(deterministic=True))
 
 
 def add_phase(graph: Graph, phase: FlatPhase, known: str, feet: str) -> str:
@@ -106,3 +110,32 @@ def add_kernel(graph: Graph, part: Part, known: str) -> str:
 
 
 HALF = np.array([0.5])
+
+
+def serialise_landing(tables: Mapping[str, np.ndarray], about: Mapping[str, object]) -> bytes:
+    """The graph of the tables (``leapgap.jumping.export.tables``); equal tables, equal bytes."""
+    graph = Graph()
+
+    def constant(values: object) -> str:
+        return graph.constant(np.asarray(values))
+
+    axis, middle = constant([1]), constant([2])
+    at = graph.node("Concat", "goal", "stance", axis=1)
+    scaled = graph.node("Div", at, constant(tables["landing_scale"]))
+    samples = tables["landing_sample"]
+    apart = graph.node("Sub", graph.node("Unsqueeze", scaled, axis), constant(samples[None]))
+    squared = graph.node("ReduceSumSquare", apart, middle, keepdims=0)
+    near = graph.node("Exp", graph.node("Mul", squared, constant(np.float64(-0.5))))
+    trend = tables["landing_trend"]
+    landing = graph.node("Add", graph.node("MatMul", at, constant(trend[1:] + np.eye(4)[:, :3])), constant(trend[0]))
+    landing = graph.node("Add", landing, graph.node("MatMul", near, constant(tables["landing_dual"])))
+    weights = tables["by_change"]
+    ages = constant(np.int64(weights.shape[1]))
+    later = graph.node("Min", graph.node("Sub", "age", constant(np.int64(1))), constant(np.int64(1)))
+    at_age = graph.node("Add", graph.node("Mul", "update", ages), later)
+    own = graph.node("Gather", constant(weights.reshape(-1, *weights.shape[2:])), at_age, axis=0)
+    change = graph.node("Squeeze", graph.node("MatMul", graph.node("Unsqueeze", "since", axis), own), axis)
+    graph.node("Add", landing, change, out="landing")
+    double, number = TensorProto.DOUBLE, TensorProto.INT64
+    inputs = {"goal": (double, 3), "stance": (double, 1), "since": (double, 20), "update": (number,), "age": (number,)}
+    return finished(graph, "landing", inputs, {"landing": (double, 3)}, about)

@@ -6,15 +6,16 @@ A recipe says how a ``Model`` is fitted, judged, exported and shown. Each is a c
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 from leapgap.jumping.learning.loggers import LoggerConfig
 from leapgap.jumping.learning.model import Model
+from leapgap.jumping.learning.window_extraction import DeviatingJump
 from leapgap.jumping.learning.windows import Windows
-from leapgap.jumping.models.rigid_body import RigidBody
+from leapgap.jumping.models.rigid_body import DeviationModel, RigidBody
 
 LearningCurve = list[list[float | None]]
 """Rows of step, training loss and held-out loss; empty for what is fitted at once."""
@@ -44,28 +45,18 @@ def settings_in(departures: Mapping[str, ModelSettings], kind: type[Settings]) -
 class Fitting:
     """How the optimiser moves the weights."""
 
-    steps: int = 120
-    """Full-batch steps of the optimiser."""
+    steps: int = 120  # Full-batch steps of the optimiser
     learning_rate: float = 0.02
-    cosine_decay: bool = True
-    """Whether the learning rate falls to zero along a cosine."""
+    cosine_decay: bool = True  # Whether the learning rate falls to zero along a cosine
     weight_decay: float = 0.1
     dropout: float = 0.0
-    clip_norm: float = 1.0
-    """Longest gradient; 0: any."""
-    output_penalty: float = 1e-3
-    """Weight of the mean absolute outputs of h and G (paper, loss)."""
-    loss: str = "mean"
-    """Of squared errors over windows, steps and components: ``mean``, or ``sum`` as published."""
-    patience: int = 0
-    """Points of the curve without a smaller error on the stopping jumps until training ends; 0: all steps."""
-    stopping_jumps: int = 0
-    """How many of the training jumps, the last ones, are kept for that; the held-out ones are never asked."""
+    clip_norm: float = 1.0  # Longest gradient; 0: any
+    output_penalty: float = 1e-3  # Weight of the mean absolute outputs of h and G (paper, loss)
+    loss: str = "mean"  # Of squared errors over windows, steps and components: ``mean``, or ``sum`` as published
 
     def __post_init__(self) -> None:
-        """Refuse numbers that mean nothing, before any work."""
-        if self.steps < 1 or self.patience < 0 or self.stopping_jumps < 0:
-            raise ValueError("steps of 1 or more, patience and stopping_jumps of 0 or more")
+        if self.steps < 1:
+            raise ValueError("steps of 1 or more")
         if not (0 < self.learning_rate < math.inf and 0 <= self.dropout < 1):
             raise ValueError("a learning_rate above 0, and dropout from 0 up to but not including 1")
         for name in ("weight_decay", "clip_norm", "output_penalty"):
@@ -79,18 +70,12 @@ class TrainingRun:
 
     seed: int
     threads: int
-    trainer: dict[str, Any]
-    """Passed to Lightning's Trainer: accelerator, devices, …"""
-    scratch: Path
-    """Folder of the checkpoints, removed at the end."""
-    title: str
-    """Shown before the progress bar."""
-    steps_an_epoch: int
-    """Steps between checkpoints, and between points of the curve."""
-    logger: LoggerConfig = field(default_factory=LoggerConfig)
-    """What receives the points of the curve."""
-    models: Path = Path()
-    """Folder of all models, by which a logger groups trainings."""
+    trainer: dict[str, Any]  # Passed to Lightning's Trainer: accelerator, devices, …
+    scratch: Path  # Folder of the checkpoints, removed at the end
+    title: str  # Shown before the progress bar
+    steps_an_epoch: int  # Steps between checkpoints, and between points of the curve
+    logger: LoggerConfig = field(default_factory=LoggerConfig)  # What receives the points of the curve
+    models: Path = Path()  # Folder of all models, by which a logger groups trainings
 
 
 @dataclass(frozen=True)
@@ -98,12 +83,9 @@ class FitTask:
     """The data and settings from which a recipe fits one model of one split."""
 
     train: Windows
-    held_out: Windows
-    """Looked at for the learning curve only; nothing is chosen by them."""
-    body: RigidBody
-    """The nominal body that residuals correct."""
-    curvature: float
-    """Curvature of the steps' positions, as in ``rigid_body.advance``."""
+    held_out: Windows  # Looked at for the learning curve only; nothing is chosen by them
+    body: RigidBody  # The nominal body that residuals correct
+    curvature: float  # Curvature of the steps' positions, as in ``rigid_body.advance``
     model_settings: Mapping[str, ModelSettings]
     """Settings of models by their section, where they are not the defaults; ``settings`` finds those of one kind."""
     run: TrainingRun
@@ -130,10 +112,8 @@ class ModelRecipe(ABC):
     To add a model, add a subclass in a file of the package ``models``. A subclass of a concrete recipe is a variant.
     """
 
-    name: ClassVar[str]
-    """Key of its files and of its figures in the metrics."""
-    model: ClassVar[type[Model]]
-    """The class of the fitted model, which saves and loads itself."""
+    name: ClassVar[str]  # Key of its files and of its figures in the metrics
+    model: ClassVar[type[Model]]  # The class of the fitted model, which saves and loads itself
     settings: ClassVar[type[ModelSettings] | None] = None
     """Settings of its own that its fit reads; other models' settings do not change it."""
     members: ClassVar[tuple[str, ...]] = ()
@@ -145,8 +125,7 @@ class ModelRecipe(ABC):
     """Whether it says how forces move the base, which is what a controller asks of an exported model."""
     colour: ClassVar[str] = "#555555"
     """In figures, as #rrggbb."""
-    label_is_plural: ClassVar[bool] = False
-    """Whether sentences about it take a plural verb."""
+    label_is_plural: ClassVar[bool] = False  # Whether sentences about it take a plural verb
     shown_by_step: ClassVar[bool] = True
     """Whether the figure of errors by step shows it; large errors would spoil the figure's scale."""
     forecast_name: ClassVar[str | None] = None
@@ -164,3 +143,29 @@ class ModelRecipe(ABC):
     @abstractmethod
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
         """Fit the model to the training windows; also the curve of its losses, empty without gradient descent."""
+
+
+@dataclass(frozen=True)
+class DeviationTask:
+    """The jumps and settings from which a recipe fits one model."""
+
+    jumps: Sequence[DeviatingJump]
+    body: RigidBody
+    model_settings: Mapping[str, ModelSettings] = field(default_factory=dict)
+    """Settings of models by their section, where they are not the defaults."""
+    seed: int = 0
+
+    def settings(self, kind: type[Settings]) -> Settings:
+        """The settings of one kind of models."""
+        return settings_in(self.model_settings, kind)
+
+
+class DeviationRecipe(ABC):
+    """A named model of the deviation from a plan. To add one, add a subclass in a file of the package ``models``."""
+
+    name: ClassVar[str]
+    settings: ClassVar[type[ModelSettings] | None] = None  # Settings of its own that its fit reads
+
+    @abstractmethod
+    def fit(self, task: DeviationTask) -> DeviationModel:
+        """Fit the model to the jumps."""

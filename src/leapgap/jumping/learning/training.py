@@ -5,28 +5,148 @@ that ``torch_rollout`` rolls out.
 """
 
 import logging
-import math
 import shutil
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import lightning
+import numpy as np
 import torch
 from lightning.fabric.utilities.exceptions import MisconfigurationException
-from lightning.pytorch.callbacks import Callback, ModelCheckpoint, TQDMProgressBar
+from lightning.pytorch.callbacks import Callback, ModelCheckpoint
 
 from leapgap.errors import InputError
 from leapgap.jumping.learning import loggers
-from leapgap.jumping.learning.network import NetworkModel
+from leapgap.jumping.learning.network import NETWORKS, Mlp, NetworkModel, Scaling
 from leapgap.jumping.learning.recipe import Fitting, LearningCurve, TrainingRun
-from leapgap.jumping.learning.torch_rollout import Batch, ResidualModule
 from leapgap.jumping.learning.windows import Windows
+from leapgap.jumping.models.affine_model import Situation, selection
+from leapgap.jumping.models.rigid_body import GRAVITY
 
-HELD_OUT, STOPPING = "held_out", "stopping"
-"""Windows that are looked at besides those trained on: for the curve, and to stop by."""
+
+@dataclass(frozen=True)
+class Batch:
+    """All windows as tensors, sorted by their start, so that at each step those in contact come first."""
+
+    state: torch.Tensor
+    force: torch.Tensor
+    foot: torch.Tensor
+    time_s: torch.Tensor
+    step_s: torch.Tensor
+    in_contact: list[int]  # How many windows begin step k before take-off, for each k
+
+    @staticmethod
+    def of(windows: Windows, device: torch.device, part: slice = slice(None)) -> "Batch":
+        """Windows on a device in single precision; of several devices each takes its ``part``."""
+        inputs, order = windows.inputs, np.argsort(windows.start, kind="stable")[part]
+
+        arrays = (windows.state, inputs.force, inputs.foot, inputs.time_s, inputs.step_s)
+        state, *acting = (torch.tensor(array[order], dtype=torch.float32, device=device) for array in arrays)
+        force, foot, time_s, step_s = acting
+        return Batch(state, force, foot, time_s, step_s, inputs.contact[order].sum(axis=0).tolist())
+
+
+class Networks(torch.nn.ModuleDict):
+    """The trainable twins of perceptrons by name, each of S members side by side."""
+
+    def __init__(self, networks: Mapping[str, Mlp]) -> None:
+        super().__init__()
+        for name, mlp in networks.items():
+            layers = zip(mlp.weights, mlp.biases, strict=True)
+            pairs = [torch.nn.ParameterList([torch.nn.Parameter(torch.tensor(a)) for a in layer]) for layer in layers]
+            self[name] = torch.nn.ModuleList(pairs)
+
+    def run(self, name: str, hidden: torch.Tensor, dropout: float = 0.0) -> torch.Tensor:
+        """One network, (S, n, f) → (S, n, outputs)."""
+        layers: Any = self[name]
+        for weight, bias in layers[:-1]:
+            hidden = torch.tanh(torch.baddbmm(bias, hidden, weight))
+            if dropout and self.training:
+                hidden = torch.nn.functional.dropout(hidden, dropout)
+        weight, bias = layers[-1]
+        return torch.baddbmm(bias, hidden, weight)
+
+    def mlps(self) -> dict[str, Mlp]:
+        """The perceptrons with the weights of this module."""
+        layers: dict[str, Any] = dict(self.items())
+        return {
+            name: Mlp(*(tuple(one[i].detach().cpu().numpy().copy() for one in of_name) for i in (0, 1)))
+            for name, of_name in layers.items()
+        }
+
+
+class ResidualModule(torch.nn.Module):
+    """The trainable twin of ``NetworkModel``: S members side by side, single precision."""
+
+    def __init__(self, model: NetworkModel, dropout: float) -> None:
+        super().__init__()
+        self.dropout, self.networks = dropout, Networks({name: model.networks[name] for name in NETWORKS})
+        for phase, part in (("contact", model.contact), ("flight", model.flight)):
+            for name in Scaling.__dataclass_fields__:
+                self.register_buffer(f"{phase}_{name}", torch.tensor(getattr(part, name), dtype=torch.float32))
+            scaled = selection(model.names) / part.input_scale
+            self.register_buffer(f"{phase}_select", torch.tensor(scaled, dtype=torch.float32))
+            shift = torch.tensor(part.input_mean / part.input_scale, dtype=torch.float32)
+            self.register_buffer(f"{phase}_shift", shift)
+        self.curvature = model.nominal.curvature
+        body = model.nominal.body
+        by_force = np.asarray(model.nominal.gains) / [body.mass_kg, body.mass_kg, body.pitch_inertia_kgm2]
+        self.by_force: torch.Tensor
+        self.gravity: torch.Tensor
+        self.register_buffer("by_force", torch.tensor(by_force, dtype=torch.float32))
+        self.register_buffer("gravity", torch.tensor([0.0, -GRAVITY, 0.0]))
+
+    def nominal(self, foot: torch.Tensor, force: torch.Tensor) -> torch.Tensor:
+        """Accelerations of the nominal body with its gains, (n, 3)."""
+        (rx, rz, sx, sz), (fx, fz, gx, gz) = foot.T, force.T  # front, then rear
+        pushed = torch.stack([fx + gx, fz + gz, rz * fx - rx * fz + sz * gx - sx * gz], dim=-1)
+        return pushed * self.by_force + self.gravity
+
+    def forward(self, situation: Situation, force: torch.Tensor, pushing: bool) -> tuple[torch.Tensor, torch.Tensor]:
+        """Accelerations (S, n, 3) in one phase, and the summed mean absolute outputs for the penalty.
+
+        The situation's state and start are (S, n, 6), its foot and the force (n, 4): measured, the same for all.
+        """
+        phase = "contact" if pushing else "flight"
+        members = situation.state.shape[0]
+        measured = torch.cat([situation.foot, situation.time_s[:, None]], dim=-1).expand(members, -1, -1)
+        known = torch.cat([situation.state, situation.start, measured], dim=-1)
+        scaling = {
+            name: getattr(self, f"{phase}_{name}") for name in (*Scaling.__dataclass_fields__, "select", "shift")
+        }
+        inputs = known @ scaling["select"] - scaling["shift"]
+        raw = self.networks.run(f"{phase}/h", inputs, self.dropout)
+        penalty = raw.abs().mean(dim=(1, 2)).sum()
+        if pushing:
+            raw_g = self.networks.run("contact/G", inputs, self.dropout)
+            penalty = penalty + raw_g.abs().mean(dim=(1, 2)).sum()
+            scaled = (force - scaling["force_mean"]) / scaling["force_scale"]
+            raw = raw + (raw_g.unflatten(-1, (3, 4)) * scaled[:, None, :]).sum(dim=-1)
+        return raw * scaling["scale"] + scaling["mean"] + self.nominal(situation.foot, force), penalty
+
+    def roll_out(self, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+        """Each member's states after each step, (S, W, K, 6), and the penalty, mean over the steps."""
+        members = len(self.networks["contact/h"][0][0])  # type: ignore[index]
+        start = batch.state[:, 0].expand(members, -1, -1)
+        state, states, penalty = start, [], torch.zeros((), device=start.device)
+        for k, contact in enumerate(batch.in_contact):
+            accelerations = []
+            for pushing, part in ((True, slice(0, contact)), (False, slice(contact, None))):
+                if state[0, part].shape[0]:
+                    situation = Situation(state[:, part], batch.foot[part, k], batch.time_s[part, k], start[:, part])
+                    found, outputs = self(situation, batch.force[part, k], pushing)
+                    accelerations.append(found)
+                    penalty = penalty + outputs * (state[0, part].shape[0] / len(batch.state))
+            dt = batch.step_s[:, k, None]
+            velocity, gained = state[..., 3:], dt * torch.cat(accelerations, dim=1)
+            state = torch.cat([state[..., :3] + dt * (velocity + self.curvature * gained), velocity + gained], dim=-1)
+            states.append(state)
+        return torch.stack(states, dim=2), penalty / len(batch.in_contact)
+
+
 DIVERGED, LEAST_LOSS = 1e4, 1e-6
 """A training diverges if its loss is this many times that of its first step; a smaller first loss counts as this."""
 MOST_WINDOWS = 4096
@@ -38,20 +158,17 @@ CURVE = ("step", "train_loss", "validation_loss")
 class Learner(lightning.LightningModule):
     """The residual, its loss and its optimiser, as Lightning drives them."""
 
-    def __init__(
-        self, residual: ResidualModule, train: Windows, others: Mapping[str, Windows], fitting: Fitting, seed: int
-    ) -> None:
+    def __init__(self, residual: ResidualModule, windows: Sequence[Windows], fitting: Fitting, seed: int) -> None:
         super().__init__()
         self.residual, self.fitting, self.seed = residual, fitting, seed
-        self.windows = {"train": train, **others}
-        self.batches: dict[str, Batch] = {}
+        self.windows, self.batches = windows, list[Batch]()
+        """Those trained on, then maybe held-out ones, which are looked at for the curve."""
 
     def setup(self, stage: str) -> None:
         """Put the windows where the weights are; with several devices, each takes every n-th window."""
         mine = slice(self.trainer.global_rank, None, self.trainer.world_size)
-        for name, windows in self.windows.items():
-            part = mine if name == "train" else slice(None)
-            self.batches[name] = Batch.of(windows, self.trainer.strategy.root_device, part)
+        device, parts = self.trainer.strategy.root_device, (mine, slice(None))
+        self.batches = [Batch.of(windows, device, part) for windows, part in zip(self.windows, parts, strict=False)]
 
     def training_step(self, *_: Any) -> torch.Tensor:
         """Squared errors over the horizon, summed over the members, and the penalty of the outputs.
@@ -59,23 +176,22 @@ class Learner(lightning.LightningModule):
         Dropout is seeded again at each step, so that a resumed training ends in the same bits.
         """
         torch.manual_seed((self.seed << 32) + (self.global_step << 8) + self.global_rank)
-        batch = self.batches["train"]
+        batch = self.batches[0]
         states, penalty = self.residual.roll_out(batch)
         squared = (states - batch.state[:, 1:]) ** 2
         per_member = squared.mean(dim=(1, 2, 3)) if self.fitting.loss == "mean" else squared.sum(dim=(1, 2, 3))
         self.log("train_loss", squared.mean().detach(), batch_size=1, logger=False)  # LossCurve gives it to loggers
         return per_member.sum() + self.fitting.output_penalty * penalty
 
-    def error_on(self, name: str) -> float | None:
-        """Mean squared error of the members' mean path on other windows than those trained on, if there are such."""
-        if name not in self.batches:
+    def held_out_error(self) -> float | None:
+        """Mean squared error of the members' mean path on held-out windows, if there are such."""
+        if len(self.batches) < 2:
             return None
-        batch = self.batches[name]
         self.eval()
         with torch.no_grad():
-            states, _penalty = self.residual.roll_out(batch)
+            states, _ = self.residual.roll_out(self.batches[1])
         self.train()
-        return float(((states.mean(dim=0) - batch.state[:, 1:]) ** 2).mean())
+        return float(((states.mean(dim=0) - self.batches[1].state[:, 1:]) ** 2).mean())
 
     def configure_optimizers(self) -> Any:
         """AdamW, with the learning rate along a cosine where that is configured."""
@@ -110,33 +226,22 @@ class LossCurve(Callback):
     def __init__(self, every: int, title: str) -> None:
         self.every, self.title = every, title
         self.rows: LearningCurve = []
-        self.first = float("inf")
-        """Loss of the first step."""
+        self.first = float("inf")  # Loss of the first step
 
     def on_train_batch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, *_: Any) -> None:
         """Note the losses, before the checkpoint of the same step is written."""
-        if trainer.global_step == 1 or trainer.global_step % self.every == 0:
-            self._check(trainer)
-        if trainer.global_step % self.every == 0 or trainer.global_step == trainer.max_steps:
+        step, loss = trainer.global_step, float(trainer.callback_metrics["train_loss"])
+        self.first = loss if step == 1 else self.first
+        if (step == 1 or step % self.every == 0) and not loss <= DIVERGED * max(self.first, LEAST_LOSS):
+            found = f"a loss of {loss:.3g} after {step} steps, {self.first:.3g} at the start"
+            do = "lower fitting.learning_rate of this model, or set its fitting.clip_norm"
+            raise InputError(f"training of {self.title}", found, "a loss that falls", do)
+        if step % self.every == 0 or step == trainer.max_steps:
             assert isinstance(pl_module, Learner)
-            train_loss = float(trainer.callback_metrics["train_loss"])
-            self.rows.append([trainer.global_step, train_loss, pl_module.error_on(HELD_OUT)])
+            self.rows.append([step, loss, pl_module.held_out_error()])
             losses = dict(zip(CURVE[1:], self.rows[-1][1:], strict=True))
             for logger in trainer.loggers:
-                known = {name: value for name, value in losses.items() if value is not None}
-                logger.log_metrics(known, step=trainer.global_step)
-
-    def _check(self, trainer: lightning.Trainer) -> None:
-        """Raise ``InputError`` for a training that diverges, before its weights are kept in a checkpoint."""
-        loss = float(trainer.callback_metrics["train_loss"])
-        self.first = min(self.first, loss) if trainer.global_step == 1 else self.first
-        if not math.isfinite(loss) or loss > DIVERGED * max(self.first, LEAST_LOSS):
-            raise InputError(
-                f"training of {self.title}",
-                f"a loss of {loss:.3g} after {trainer.global_step} steps, {self.first:.3g} at the start",
-                "a loss that falls",
-                "lower fitting.learning_rate of this model, or set its fitting.clip_norm",
-            )
+                logger.log_metrics({name: value for name, value in losses.items() if value is not None}, step=step)
 
     def state_dict(self) -> dict[str, Any]:
         """The rows so far, for the checkpoint."""
@@ -145,66 +250,6 @@ class LossCurve(Callback):
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Take the rows from the checkpoint."""
         self.rows, self.first = list(state_dict["rows"]), state_dict["first"]
-
-
-class EarlyStopping(Callback):
-    """Ends training when the error on the stopping jumps has not fallen for a while, and keeps the best weights.
-
-    Lightning's own looks at the ends of epochs; this one is in the checkpoint of the same step, so that a resumed
-    training stops where the whole one does.
-    """
-
-    def __init__(self, every: int, patience: int) -> None:
-        self.every, self.patience = every, patience
-        self.least, self.waited = float("inf"), 0
-        self.best: dict[str, torch.Tensor] = {}
-
-    def on_train_batch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule, *_: Any) -> None:
-        """Stop when the error on the stopping jumps has not fallen for ``patience`` looks; keep the best weights."""
-        if trainer.global_step % self.every:
-            return
-        assert isinstance(pl_module, Learner)
-        error = pl_module.error_on(STOPPING)
-        assert error is not None
-        if error < self.least:
-            self.least, self.waited = error, 0
-            self.best = {name: value.detach().clone() for name, value in pl_module.residual.state_dict().items()}
-        else:
-            self.waited += 1
-        trainer.should_stop = self.waited >= self.patience
-
-    def on_train_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
-        """Put the best weights back into the networks."""
-        assert isinstance(pl_module, Learner)
-        if self.best:
-            pl_module.residual.load_state_dict(self.best)
-
-    def state_dict(self) -> dict[str, Any]:
-        """The best weights so far and how long they have been the best, for the checkpoint."""
-        return {"least": self.least, "waited": self.waited, "best": self.best}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take the best weights so far from the checkpoint."""
-        self.least, self.waited, self.best = state_dict["least"], state_dict["waited"], dict(state_dict["best"])
-
-
-class TitledProgressBar(TQDMProgressBar):
-    """A bar that says which model of which split is trained."""
-
-    def __init__(self, title: str) -> None:
-        super().__init__()
-        self.title = title
-
-    def init_train_tqdm(self) -> Any:
-        """The bar with the title in front."""
-        bar = super().init_train_tqdm()
-        bar.set_description(self.title)
-        return bar
-
-    def on_train_epoch_start(self, trainer: lightning.Trainer, *_: Any) -> None:
-        """Keep the title, and say how far all steps are."""
-        super().on_train_epoch_start(trainer)
-        self.train_progress_bar.set_description(f"{self.title}, {trainer.global_step}/{trainer.max_steps}")
 
 
 def fit(
@@ -220,15 +265,29 @@ def fit(
     silence_advice()
     torch.set_num_threads(run.threads)
     lightning.seed_everything(run.seed, verbose=False)
-    others = {} if held_out is None else {HELD_OUT: held_out}
-    if fitting.patience:
-        train, others[STOPPING] = stopping_split(train, fitting.stopping_jumps)
-    train, others = train.thin(MOST_WINDOWS), {name: windows.thin(MOST_WINDOWS) for name, windows in others.items()}
-    learner = Learner(ResidualModule(model, fitting.dropout), train, others, fitting, run.seed)
+    windows = [one.thin(MOST_WINDOWS) for one in (train, held_out) if one is not None]
+    learner = Learner(ResidualModule(model, fitting.dropout), windows, fitting, run.seed)
     every = min(run.steps_an_epoch, fitting.steps)
-    curve = LossCurve(every, run.title)
-    driver = make_trainer(fitting, run, every, curve)
-    last = run.scratch / "last.ckpt"
+    curve, last = LossCurve(every, run.title), run.scratch / "last.ckpt"
+    checkpoint = ModelCheckpoint(run.scratch, "last", every_n_train_steps=every, enable_version_counter=False)
+    options: dict[str, Any] = {"accelerator": "cpu", "devices": 1, "deterministic": True, **run.trainer}
+    # A log file wants no bars.
+    options["enable_progress_bar"] = options.get("enable_progress_bar", True) and sys.stderr.isatty()
+    try:
+        driver = lightning.Trainer(
+            max_steps=fitting.steps,
+            gradient_clip_val=fitting.clip_norm or None,
+            default_root_dir=run.scratch,
+            logger=loggers.make_logger(run.logger, run.models, run.title.replace(" ", "/")) or False,
+            log_every_n_steps=every,
+            use_distributed_sampler=False,
+            enable_model_summary=False,
+            callbacks=[curve, checkpoint],
+            **options,
+        )
+    except (TypeError, ValueError, MisconfigurationException) as error:
+        expected = "options of lightning.Trainer this machine can serve"
+        raise InputError("train.trainer", str(error), expected, "correct conf/train") from None
     steps = torch.utils.data.DataLoader(EmptySteps(every), batch_size=None)
     for logger in driver.loggers:
         logger.log_hyperparams({**asdict(fitting), "seed": run.seed})
@@ -237,45 +296,7 @@ def fit(
     finally:
         loggers.close(driver.loggers)
     shutil.rmtree(run.scratch, ignore_errors=True)
-    return learner.residual.to_model(model), curve.rows
-
-
-def stopping_split(windows: Windows, jumps: int) -> tuple[Windows, Windows]:
-    """Jumps to train on, and the last ones to stop by."""
-    if not 0 < jumps < len(windows.jumps):
-        raise InputError(
-            "train, fitting.stopping_jumps",
-            f"{jumps} of {len(windows.jumps)} training jumps",
-            "one or more, and some left to train on, with fitting.patience",
-            "correct it in conf/train, or set patience to 0",
-        )
-    return windows.of_jumps(windows.jumps[:-jumps]), windows.of_jumps(windows.jumps[-jumps:])
-
-
-def make_trainer(fitting: Fitting, run: TrainingRun, every: int, curve: LossCurve) -> lightning.Trainer:
-    """Lightning's trainer with the configured options; ``InputError`` where it refuses them."""
-    options: dict[str, Any] = {"accelerator": "cpu", "devices": 1, "deterministic": True, **run.trainer}
-    shown = options.get("enable_progress_bar", True) and sys.stderr.isatty()  # a log file wants no bars
-    options["enable_progress_bar"] = shown
-    bars = [TitledProgressBar(run.title)] if shown else []
-    stops = [EarlyStopping(every, fitting.patience)] if fitting.patience else []
-    checkpoint = ModelCheckpoint(run.scratch, "last", every_n_train_steps=every, enable_version_counter=False)
-    try:
-        return lightning.Trainer(
-            max_steps=fitting.steps,
-            gradient_clip_val=fitting.clip_norm or None,
-            default_root_dir=run.scratch,
-            logger=loggers.make_logger(run.logger, run.models, run.title.replace(" ", "/")) or False,
-            log_every_n_steps=every,
-            use_distributed_sampler=False,
-            enable_model_summary=False,
-            callbacks=[curve, *stops, *bars, checkpoint],
-            **options,
-        )
-    except (TypeError, ValueError, MisconfigurationException) as error:
-        raise InputError(
-            "train.trainer", str(error), "options of lightning.Trainer this machine can serve", "correct conf/train"
-        ) from None
+    return replace(model, networks=learner.residual.networks.mlps()), curve.rows
 
 
 def silence_advice() -> None:

@@ -13,22 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.learning.models.kernel import (
-    PHASES,
-    KernelConfig,
-    KernelModel,
-    KernelPart,
-    gauss,
-    training_steps,
-)
-from leapgap.jumping.learning.npz_files import check_finite, read_npz, write_npz
-from leapgap.jumping.learning.splits import hold_out
+from leapgap.jumping.learning.model_files import check_finite, read_npz, write_npz
+from leapgap.jumping.learning.models.kernel import PHASES, KernelConfig, KernelModel, KernelPart, gauss, training_steps
 from leapgap.jumping.learning.windows import RolloutInputs, Windows
 from leapgap.jumping.models.affine_model import Situation, columns
 from leapgap.runtime.atomic_io import whole_file
 
-LEVELS = (0.5, 0.8, 0.95)
-"""Of the intervals whose width is fitted and whose coverage is checked."""
+LEVELS = (0.5, 0.8, 0.95)  # Of the intervals whose width is fitted and whose coverage is checked
 MOST_REFITS, MOST_LEFT_OUT = 24, 64
 """Number of training jumps up to which the kernel is fitted again without each, and largest number left out in turn."""
 SMOOTHING_STEPS = 1.0
@@ -40,13 +31,10 @@ class PredictionUncertainty:
     """Deviations of the predictions of one kernel, and of models like it."""
 
     kernel: KernelModel
-    inverse: dict[str, np.ndarray]
-    """(K + λ I)⁻¹ of each phase, (n, n)."""
+    inverse: dict[str, np.ndarray]  # (K + λ I)⁻¹ of each phase, (n, n)
     ridge: dict[str, float]
-    variance: np.ndarray
-    """Mean squared error on training jumps left out, widened, (starts, K, 6)."""
-    familiar: np.ndarray
-    """Mean summed posterior variance there, in units of the signal's, (starts, K)."""
+    variance: np.ndarray  # Mean squared error on training jumps left out, widened, (starts, K, 6)
+    familiar: np.ndarray  # Mean summed posterior variance there, in units of the signal's, (starts, K)
 
     def deviation(self, inputs: RolloutInputs) -> np.ndarray:
         """Standard deviation of each predicted state after the first, (W, K, 6), in the state's units."""
@@ -99,10 +87,11 @@ def fit(windows: Windows, fit_kernel: Callable[[Windows], KernelModel], config: 
     whole = kernel_posterior(fit_kernel(windows), config)
     squared, unfamiliar = [], []
     for jump in spread_evenly(windows.jumps, MOST_LEFT_OUT):
-        split = hold_out("", windows.jumps, [jump])
-        left_out = windows.of_jumps(split.held_out)
+        left_out = windows.of_jumps([jump])
         if len(windows.jumps) <= MOST_REFITS:
-            one = kernel_posterior(fit_kernel(windows.of_jumps(split.train)), config)
+            one = kernel_posterior(
+                fit_kernel(windows.of_jumps([other for other in windows.jumps if other != jump])), config
+            )
         else:
             one = without_jump(whole, windows, windows.jumps.index(jump))
         squared.append((one.kernel.predict(left_out.inputs) - left_out.state)[:, 1:] ** 2)

@@ -12,13 +12,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.learning.npz_files import check_finite, read_npz, write_npz
+from leapgap.jumping.learning.model_files import check_finite, read_npz, write_npz
+from leapgap.jumping.models.affine_model import Situation
 from leapgap.jumping.task import ContactSchedule
 from leapgap.runtime.atomic_io import read_json, write_json
 
 FORMAT_VERSION = 1
-MOST_STEPS = 10_000
-"""Largest number of steps of a window."""
+MOST_STEPS = 10_000  # Largest number of steps of a window
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,9 @@ def whole_steps(phase: str, length_s: float, step_s: float) -> int:
     steps = length_s / step_s
     if abs(steps - round(steps)) > 1e-6:
         shorter, longer = np.floor(steps) * step_s, np.ceil(steps) * step_s
-        raise InputError(
-            f"time grid, {phase}",
-            f"{length_s:g} s, which is not a whole number of {step_s:g} s steps",
-            f"for instance {shorter:g} s or {longer:g} s",
-            "choose a step that divides the phase, or another schedule",
-        )
+        found = f"{length_s:g} s, which is not a whole number of {step_s:g} s steps"
+        do = "choose a step that divides the phase, or another schedule"
+        raise InputError(f"time grid, {phase}", found, f"for instance {shorter:g} s or {longer:g} s", do)
     return round(steps)
 
 
@@ -67,20 +64,13 @@ def whole_steps(phase: str, length_s: float, step_s: float) -> int:
 class RolloutInputs:
     """What a model may know of W windows of K steps: the first state, and what acts during the steps."""
 
-    state: np.ndarray
-    """First state: x z pitch and rates, m, rad, s; x from the window's start, z in the world; (W, 6)."""
-    force: np.ndarray
-    """Ground forces on the robot, front x z, rear x z, N, world axes; zero in flight; (W, K, 4)."""
-    foot: np.ndarray
-    """Foot − base, mean of the pair, front x z, rear x z, m, world axes; (W, K, 4)."""
-    contact: np.ndarray
-    """Whether each step begins before take-off, bool, (W, K)."""
-    time_s: np.ndarray
-    """Scheduled start of each step, since the start of the jump, (W, K): the phase."""
-    step_s: np.ndarray
-    """Length of each step, (W, K)."""
-    start: np.ndarray
-    """Number of each window's first step in its jump, int, (W,)."""
+    state: np.ndarray  # First state: x z pitch and rates, m, rad, s; x from the window's start, z in the world; (W, 6)
+    force: np.ndarray  # Ground forces on the robot, front x z, rear x z, N, world axes; zero in flight; (W, K, 4)
+    foot: np.ndarray  # Foot − base, mean of the pair, front x z, rear x z, m, world axes; (W, K, 4)
+    contact: np.ndarray  # Whether each step begins before take-off, bool, (W, K)
+    time_s: np.ndarray  # Scheduled start of each step, since the start of the jump, (W, K): the phase
+    step_s: np.ndarray  # Length of each step, (W, K)
+    start: np.ndarray  # Number of each window's first step in its jump, int, (W,)
 
     def __len__(self) -> int:
         return len(self.state)
@@ -99,29 +89,19 @@ class Windows:
     """W windows of K steps, cut from the named jumps on one grid and schedule with one robot's kinematics."""
 
     grid: TimeGrid
-    schedule: ContactSchedule | None
-    """Contact schedule of all jumps; None where there are no windows."""
+    schedule: ContactSchedule | None  # Contact schedule of all jumps; None where there are no windows
     robot: str
     robot_sha256: str
     jumps: tuple[str, ...]
-    jump: np.ndarray
-    """Which of ``jumps`` each window is of, int, (W,)."""
-    start: np.ndarray
-    """Number of each window's first step in its jump, int, (W,)."""
-    start_x: np.ndarray
-    """World x of the base at each window's first sample, m, (W,)."""
-    state: np.ndarray
-    """Measured states: x z pitch and rates; x from the window's start, z in the world; (W, K + 1, 6)."""
-    force: np.ndarray
-    """As in ``RolloutInputs``, (W, K, 4)."""
-    foot: np.ndarray
-    """As in ``RolloutInputs``, (W, K, 4)."""
-    time_s: np.ndarray
-    """Scheduled time of each sample since the start of the jump, (W, K + 1)."""
-    step_s: np.ndarray
-    """Length of each step, (W, K): as scheduled, or as long as it was by the log's own clock."""
-    contact: np.ndarray
-    """Whether each step begins before take-off, bool, (W, K)."""
+    jump: np.ndarray  # Which of ``jumps`` each window is of, int, (W,)
+    start: np.ndarray  # Number of each window's first step in its jump, int, (W,)
+    start_x: np.ndarray  # World x of the base at each window's first sample, m, (W,)
+    state: np.ndarray  # Measured states: x z pitch and rates; x from the window's start, z in the world; (W, K + 1, 6)
+    force: np.ndarray  # As in ``RolloutInputs``, (W, K, 4)
+    foot: np.ndarray  # As in ``RolloutInputs``, (W, K, 4)
+    time_s: np.ndarray  # Scheduled time of each sample since the start of the jump, (W, K + 1)
+    step_s: np.ndarray  # Length of each step, (W, K): as scheduled, or as long as it was by the log's own clock
+    contact: np.ndarray  # Whether each step begins before take-off, bool, (W, K)
 
     def __len__(self) -> int:
         return len(self.jump)
@@ -199,12 +179,8 @@ class Purpose:
         for name, mine in asdict(self).items():
             wanted = asdict(needed)[name]
             if mine != wanted and name != "robot":
-                raise InputError(
-                    where,
-                    f"a model for {name} {mine}",
-                    f"{name} {wanted}, as is needed here",
-                    "train models for it (stages.chunk, stages.train), or use what they were trained for",
-                )
+                do = "train models for it (stages.chunk, stages.train), or use what they were trained for"
+                raise InputError(where, f"a model for {name} {mine}", f"{name} {wanted}, as is needed here", do)
 
 
 def write(windows: Windows, folder: Path) -> None:
@@ -243,12 +219,8 @@ def read(folder: Path) -> Windows:
     """Windows from a folder that ``write`` filled; ``InputError`` where it is of another format."""
     about = read_json(folder / "windows.json")
     if about.get("format_version") != FORMAT_VERSION:
-        raise InputError(
-            folder / "windows.json",
-            f"format_version {about.get('format_version')}",
-            str(FORMAT_VERSION),
-            "run stages.chunk again",
-        )
+        says = f"format_version {about.get('format_version')}"
+        raise InputError(folder / "windows.json", says, str(FORMAT_VERSION), "run stages.chunk again")
     arrays = read_npz(folder / "windows.npz")
     try:
         arrays.setdefault("step_s", np.diff(arrays["time_s"], axis=-1))
@@ -276,7 +248,7 @@ def check(windows: Windows, where: object) -> None:
     count, steps = len(windows.jump), windows.grid.steps
     shapes = {name: (count, *shape) for name, shape in shapes_of(steps).items()}
     for name, shape in shapes.items():
-        array, kind = getattr(windows, name), KINDS.get(name, "f")
+        array, kind = getattr(windows, name), np.dtype(KINDS.get(name, float)).kind
         if array.shape != shape or array.dtype.kind != kind:
             expected = f"shape {shape} and kind {kind}, for {count} windows of {steps} steps"
             raise unfit(where, f"{name} has shape {array.shape} and kind {array.dtype.kind}, not {expected}")
@@ -294,7 +266,7 @@ def check(windows: Windows, where: object) -> None:
         raise unfit(where, "steps that end before they begin")
 
 
-KINDS = {"jump": "i", "start": "i", "contact": "b"}
+KINDS: dict[str, type] = {"jump": int, "start": int, "contact": bool}
 """Kinds of the values of arrays that are not numbers with a fraction."""
 
 
@@ -305,3 +277,44 @@ def shapes_of(steps: int) -> dict[str, tuple[int, ...]]:
         "step_s": (steps,),
         **{"state": (steps + 1, 6), "force": (steps, 4), "foot": (steps, 4)},
     }
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """n single measured steps, each once however many windows share it."""
+
+    situation: Situation
+    force: np.ndarray  # Ground forces on the robot, as in ``RolloutInputs``, (n, 4), N
+    contact: np.ndarray  # Whether each step begins before take-off, bool, (n,)
+    step_s: np.ndarray  # Length of each step, (n,)
+    step: np.ndarray  # Number of the step in its jump, (n,)
+    jump: np.ndarray  # Number of the jump among those of the windows, (n,)
+    increment: np.ndarray  # Next state minus state, (n, 6)
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """(vx, vz, pitch rate) gained per second of the step, (n, 3)."""
+        return self.increment[:, 3:] / self.step_s[:, None]
+
+    def at(self, which: np.ndarray) -> "Transitions":
+        """Some of them, by mask or by index."""
+        arrays = {name: array[which] for name, array in vars(self).items() if name != "situation"}
+        return Transitions(self.situation.at(which), **arrays)
+
+
+def steps_of(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    """Every step of the jumps once, as the numbers of a window and of a step in it, int, (n,) each."""
+    last = np.zeros(len(windows.jumps), dtype=int)
+    np.maximum.at(last, windows.jump, windows.start)
+    w, k = np.nonzero((np.arange(windows.grid.steps) == 0) | (windows.start == last[windows.jump])[:, None])
+    return w, k
+
+
+def extract_transitions(windows: Windows) -> Transitions:
+    """The steps of some windows: the first of each window, and all of a jump's last window."""
+    inputs = windows.inputs
+    w, k = steps_of(windows)
+    state = windows.state[w, k]
+    situation = Situation(state, inputs.foot[w, k], inputs.time_s[w, k], windows.state[w, 0])
+    acting = inputs.force[w, k], inputs.contact[w, k], inputs.step_s[w, k]
+    return Transitions(situation, *acting, windows.start[w] + k, windows.jump[w], windows.state[w, k + 1] - state)

@@ -18,14 +18,10 @@ from leapgap.logs.pair_force import FRONT_X, FRONT_Z, REAR_X, REAR_Z
 class Situation:
     """Inputs of a model at n moments; NumPy arrays or torch tensors, with any leading shape in place of n."""
 
-    state: Any
-    """x z pitch and rates, m, rad, s, world, (n, 6)."""
-    foot: Any
-    """Foot − base, front x z, rear x z, m, world axes, (n, 4)."""
-    time_s: Any
-    """Time since the start of the jump, (n,)."""
-    start: Any
-    """State at the beginning of the prediction, (n, 6); positions are inputs relative to it."""
+    state: Any  # x z pitch and rates, m, rad, s, world, (n, 6)
+    foot: Any  # Foot − base, front x z, rear x z, m, world axes, (n, 4)
+    time_s: Any  # Time since the start of the jump, (n,)
+    start: Any  # State at the beginning of the prediction, (n, 6); positions are inputs relative to it
 
     def at(self, which: Any) -> "Situation":
         """The moments that a mask or slice of the first axis selects."""
@@ -39,10 +35,8 @@ class AffineModel:
     At n moments.
     """
 
-    bias: np.ndarray
-    """(n, 3), m/s² and rad/s²."""
-    by_force: np.ndarray
-    """(n, 3, 4), per N of front x z, rear x z."""
+    bias: np.ndarray  # (n, 3), m/s² and rad/s²
+    by_force: np.ndarray  # (n, 3, 4), per N of front x z, rear x z
     by_state: np.ndarray | None = None
     """(n, 3, 6), per unit of the state; None where a model is evaluated at a state, and not linearised there."""
 
@@ -66,8 +60,7 @@ class AffineModel:
 class PredictionModel(ABC):
     """Accelerations of the base in contact and flight: ζ⁺ = ζ + Δt (bias + by_force u) (paper, residual)."""
 
-    curvature: float = 0.0
-    """Curvature c of a step's positions, as in ``rigid_body.advance``."""
+    curvature: float = 0.0  # Curvature c of a step's positions, as in ``rigid_body.advance``
 
     @abstractmethod
     def affine(self, situation: Situation, contact: np.ndarray) -> AffineModel:
@@ -98,8 +91,7 @@ def columns(names: Sequence[str], situation: Situation) -> list[Any]:
 
 KNOWN = 17
 """Numbers of a situation as one row: state, start, foot, time; x counts from the start, so its place there is 0."""
-KNOWN_FOOT = slice(12, 16)
-"""Columns of foot − base in such a row."""
+KNOWN_FOOT = slice(12, 16)  # Columns of foot − base in such a row
 
 
 def rows(situation: Situation) -> np.ndarray:
@@ -122,9 +114,5 @@ def check_names(names: Sequence[str], where: str) -> None:
     """Raise an ``InputError`` where there is no name, or one that is not in ``FEATURES``."""
     unknown = [name for name in names if name not in FEATURES]
     if unknown or not names:
-        raise InputError(
-            where,
-            f"inputs {', '.join(unknown) or 'none'}",
-            f"some of {', '.join(FEATURES)}",
-            "correct them in conf/train",
-        )
+        found = f"inputs {', '.join(unknown) or 'none'}"
+        raise InputError(where, found, f"some of {', '.join(FEATURES)}", "correct them in conf/train")

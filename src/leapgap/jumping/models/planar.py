@@ -7,13 +7,16 @@ down at zero and swings by +y, like the A1's: a link's own angle against the ver
 angles up to it. ``JointMap`` holds how a robot's own joints count.
 """
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 
+from leapgap.effects.base import Effect
 from leapgap.errors import InputError
+from leapgap.jumping.models.rigid_body import RigidBody, rigid_body_of
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
 
@@ -25,24 +28,18 @@ PUBLISHED_SUPPLY_V = 21.5
 class PlanarLink:
     """A thigh, or a calf with its foot, of one leg."""
 
-    mass: float
-    """kg"""
-    length: float
-    """m, hip to knee or knee to foot"""
-    com_down: float
-    """m, from the upper joint along the link to its centre of mass"""
-    com_across: float
-    """m, across it: forward of a link that hangs straight down"""
-    inertia: float
-    """kg·m² about the centre of mass"""
+    mass: float  # kg
+    length: float  # m, hip to knee or knee to foot
+    com_down: float  # m, from the upper joint along the link to its centre of mass
+    com_across: float  # m, across it: forward of a link that hangs straight down
+    inertia: float  # kg·m² about the centre of mass
 
 
 @dataclass(frozen=True)
 class PlanarLeg:
     """One leg: position of its hip in the trunk, and its two links."""
 
-    hip_x: float
-    """m, in the trunk"""
+    hip_x: float  # m, in the trunk
     hip_z: float
     thigh: PlanarLink
     calf: PlanarLink
@@ -54,13 +51,10 @@ class JointMap:
 
     leg: str
     pair: str
-    abduction: tuple[str, ...]
-    """Joints that stay at zero, where the leg moves in the plane."""
-    pitch: tuple[str, str]
-    """Thigh and calf joint."""
+    abduction: tuple[str, ...]  # Joints that stay at zero, where the leg moves in the plane
+    pitch: tuple[str, str]  # Thigh and calf joint
     sign: tuple[float, float] = (-1.0, -1.0)
-    offset: tuple[float, float] = (0.0, 0.0)
-    """rad"""
+    offset: tuple[float, float] = (0.0, 0.0)  # rad
     foot: str = ""
 
 
@@ -90,33 +84,23 @@ class PlanarRobot:
     """
 
     name: str = "a1"
-    trunk_mass: float = 9.593
-    """kg, with what moves with it while the legs stay in their planes"""
-    trunk_com_x: float = 0.0
-    """m, in the trunk"""
+    trunk_mass: float = 9.593  # kg, with what moves with it while the legs stay in their planes
+    trunk_com_x: float = 0.0  # m, in the trunk
     trunk_com_z: float = 0.0
-    trunk_inertia: float = 9.593 * (0.366**2 + 0.114**2) / 12
-    """kg·m² about its centre of mass; of a uniform box"""
+    trunk_inertia: float = 9.593 * (0.366**2 + 0.114**2) / 12  # kg·m² about its centre of mass; of a uniform box
     front: PlanarLeg = field(default_factory=lambda: published_leg(0.183))
     rear: PlanarLeg = field(default_factory=lambda: published_leg(-0.183))
-    foot_radius: float = 0.02
-    """m; the planner's feet are points, at the centres of the robot's spheres."""
+    foot_radius: float = 0.02  # m; the planner's feet are points, at the centres of the robot's spheres
     rolling_radius_m: float = 0.0
     """Radius of feet that roll on the ground as the calf rotates, m; 0: point feet, as published."""
-    armature: float = 0.128
-    """kg·m², inertia of the motors of a pair of joints, seen at the joint."""
-    damping: float = 1.0
-    """N·m·s/rad, viscous, of a pair of joints."""
-    gravity: float = 9.81
-    """m/s²."""
+    armature: float = 0.128  # kg·m², inertia of the motors of a pair of joints, seen at the joint
+    damping: float = 1.0  # N·m·s/rad, viscous, of a pair of joints
+    gravity: float = 9.81  # m/s²
     speed_per_torque: float = 0.34602
     """rad/s per N·m at one joint: R / (Kt² gear²) × Kt gear for Kt 4/34, R = 25 Kt², gear 8.5."""
-    no_load_speed: float = PUBLISHED_SUPPLY_V
-    """rad/s, since gear × Kt = 1; infinite: no torque-speed limit."""
-    torque_limit: tuple[float, float] = (33.5, 33.5)
-    """N·m, of one thigh and one calf joint"""
-    thigh_range: tuple[float, float] = (-4.1888, 1.047)
-    """rad, in the planner's sign"""
+    no_load_speed: float = PUBLISHED_SUPPLY_V  # rad/s, since gear × Kt = 1; infinite: no torque-speed limit
+    torque_limit: tuple[float, float] = (33.5, 33.5)  # N·m, of one thigh and one calf joint
+    thigh_range: tuple[float, float] = (-4.1888, 1.047)  # rad, in the planner's sign
     calf_range: tuple[float, float] = (0.916, 2.697)
     joints: tuple[JointMap, ...] = A1_JOINTS
 
@@ -215,12 +199,9 @@ class PlanarReader:
         pitch = [name for name in names if abs(axes[name][1]) > 0.9]
         feet = [foot for foot in robot.feet if robot.limb_of(foot) == leg]
         if len(pitch) != 2 or len(feet) != 1:
-            raise InputError(
-                robot.path,
-                f"leg {leg} with {len(pitch)} joints along y and {len(feet)} feet",
-                "a thigh and a calf joint and a named sphere as foot",
-                "name joints and feet by their leg, or plan by hand",
-            )
+            found = f"leg {leg} with {len(pitch)} joints along y and {len(feet)} feet"
+            expected = "a thigh and a calf joint and a named sphere as foot"
+            raise InputError(robot.path, found, expected, "name joints and feet by their leg, or plan by hand")
         hip, knee = (self.data.xanchor[model.joint(name).id] for name in pitch)
         foot = self.data.geom(feet[0]).xpos
         thigh_angle, calf_angle = angle_from_vertical(knee - hip), angle_from_vertical(foot - knee)
@@ -291,9 +272,41 @@ def mean_leg(legs: Sequence[PlanarLeg]) -> PlanarLeg:
     def link(links: Sequence[PlanarLink]) -> PlanarLink:
         return PlanarLink(*(mean([getattr(each, part) for each in links]) for part in PlanarLink.__dataclass_fields__))
 
-    return PlanarLeg(
-        mean([leg.hip_x for leg in legs]),
-        mean([leg.hip_z for leg in legs]),
-        link([leg.thigh for leg in legs]),
-        link([leg.calf for leg in legs]),
-    )
+    hip_x, hip_z = (mean([getattr(leg, part) for leg in legs]) for part in ("hip_x", "hip_z"))
+    return PlanarLeg(hip_x, hip_z, link([leg.thigh for leg in legs]), link([leg.calf for leg in legs]))
+
+
+IN_PLANS = ("armature", "com_offset", "joint_damping", "leg_mass", "payload", "trunk_inertia")
+"""Effects that plans can account for; the planar robot has no parameter for the others."""
+
+
+def plannable(found: Sequence[Effect]) -> tuple[Effect, ...]:
+    """The effects that plans can account for."""
+    return tuple(effect for effect in found if effect.name in IN_PLANS and effect.location == "all")
+
+
+def unplannable_effects(found: Sequence[Effect]) -> list[str]:
+    """The effects that plans cannot account for, each with its location, as text."""
+    return [f"{effect.name} at {effect.location}" for effect in found if effect not in plannable(found)]
+
+
+def planar_robot_with(robot: Robot, found: Sequence[Effect]) -> PlanarRobot:
+    """The planar robot with effects; one that plans cannot account for is an ``InputError`` with its name."""
+    return planar_robot(robot, model_with(robot, found))
+
+
+def body_with(robot: Robot, found: Sequence[Effect], joint_pos: np.ndarray) -> RigidBody:
+    """``rigid_body_of`` the robot with effects that plans can account for, at joint angles (joints,), rad."""
+    return rigid_body_of(robot, joint_pos, model_with(robot, found))
+
+
+def model_with(robot: Robot, found: Sequence[Effect]) -> mujoco.MjModel:
+    """A copy of the robot's MuJoCo model with effects that plans can account for."""
+    refused = unplannable_effects(found)
+    if refused:
+        do = "leave it out of the planned robot (effects.json); the simulation can have it"
+        raise InputError("effects in planning", ", ".join(refused), f"one of {', '.join(IN_PLANS)}, at all", do)
+    model = copy.copy(robot.model)
+    for effect in found:
+        effect.change_model(model, robot)
+    return model

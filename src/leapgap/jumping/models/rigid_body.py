@@ -1,13 +1,17 @@
 """The planar single rigid body: nominal prediction model of the MPC, and the model that learned residuals correct."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 
-from leapgap.logs.pair_force import FORCE_X, FORCE_Z, FORCES
+from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
+from leapgap.jumping.task import Target
+from leapgap.logs.pair_force import FORCE_X, FORCE_Z, FORCES, per_axis
+from leapgap.robot.model import Robot
 
-GRAVITY = 9.81
-"""m/s²."""
+GRAVITY = 9.81  # m/s²
 
 X, Z, PITCH, VX, VZ, PITCH_RATE = range(6)
 """Layout of the state: position of the base in the world, m, pitch, rad, nose-down, and their rates."""
@@ -22,13 +26,11 @@ class RigidBody:
     An infinite inertia drops the moment of the forces.
     """
 
-    mass_kg: float
-    """Mass of the whole robot."""
+    mass_kg: float  # Mass of the whole robot
     pitch_inertia_kgm2: float
     """Composite inertia of trunk and legs about the centre of mass, about y, in one pose of the legs."""
 
     def __post_init__(self) -> None:
-        """Refuse a body without mass or inertia; infinite ones are bodies that no force moves or turns."""
         if not (self.mass_kg > 0 and self.pitch_inertia_kgm2 > 0):
             raise ValueError(f"mass_kg {self.mass_kg} and pitch_inertia_kgm2 {self.pitch_inertia_kgm2}: above 0")
 
@@ -74,3 +76,105 @@ def advance(
 
 PUBLISHED = RigidBody(mass_kg=12.0, pitch_inertia_kgm2=0.17)
 """Rigid body of the published training code, kept as a baseline."""
+
+
+ROUNDING_TOLERANCE = 0.005  # Largest relative difference between figures rounded to three digits and those of the model
+
+
+@dataclass(frozen=True)
+class RigidBodyModel(PredictionModel):
+    """Accelerations by gravity and the forces of the feet; in flight by gravity alone."""
+
+    body: RigidBody
+
+    def affine(self, situation: Situation, contact: np.ndarray) -> AffineModel:
+        """Accelerations at n moments of contact or flight (bool, (n,)), as ``PredictionModel`` defines them."""
+        bias = np.tile([0.0, -GRAVITY, 0.0], (len(contact), 1))
+        return AffineModel(bias, self.body.force_rows(situation.foot) * np.asarray(contact)[:, None, None])
+
+
+def rigid_body_of(robot: Robot, joint_pos: np.ndarray, model: mujoco.MjModel | None = None) -> RigidBody:
+    """Mass and composite pitch inertia about the centre of mass, with level trunk and joint angles (joints,), rad.
+
+    ``model`` is the robot's own unless another one with the same bodies is given.
+    """
+    model = robot.model if model is None else model
+    data = mujoco.MjData(model)
+    data.qpos[3:7] = [1, 0, 0, 0]
+    data.qpos[robot.joint_qpos] = joint_pos
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    arm = data.xipos - data.subtree_com[robot.base_body]
+    rotation = data.ximat.reshape(-1, 3, 3)
+    own = np.einsum("bi,bi->b", rotation[:, 1] ** 2, model.body_inertia)  # about y of the world, through its own centre
+    inertia = own + model.body_mass * (arm[:, 0] ** 2 + arm[:, 2] ** 2)
+    return RigidBody(float(model.body_mass.sum()), float(inertia.sum()))
+
+
+def planner_body(robot: Robot, joint_pos: np.ndarray, rounded: RigidBody | None) -> RigidBody:
+    """The rigid body that controllers assume: ``rounded`` where it fits this model, else the model's own.
+
+    A ``rounded`` body that differs by more than rounding belongs to another robot and is ignored. A model file given by
+    hand is therefore never controlled with the mass of the robot in the configuration.
+    """
+    own = rigid_body_of(robot, joint_pos)
+    if rounded is None:
+        return own
+    here = np.array([own.mass_kg, own.pitch_inertia_kgm2])
+    stated = np.array([rounded.mass_kg, rounded.pitch_inertia_kgm2])
+    return rounded if (np.abs(stated / here - 1) <= ROUNDING_TOLERANCE).all() else own
+
+
+CURVATURE = 0.5  # c: positions are exact where a step's acceleration is constant
+
+
+@dataclass(frozen=True)
+class PlannedSteps:
+    """n steps of one plan."""
+
+    time_s: np.ndarray  # Start of each, since the start of the jump, (n,)
+    end_s: np.ndarray  # End of each, (n,)
+    foot: np.ndarray  # Planned foot − base, front x z, rear x z, m, at the start of each, (n, 4)
+    pushing: np.ndarray  # Whether the front and the rear pair are planned to push at its start, bool, (n, 2)
+    target: Target
+    stance_rad: float = 0.0
+    """Planned pitch of the trunk in the crouch at the start, nose-down: that of the ground under the feet."""
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+class DeviationModel(ABC):
+    """Accelerations of the deviation from a plan."""
+
+    body: RigidBody  # Whose B(r) is part of the model
+
+    @abstractmethod
+    def residual(self, steps: PlannedSteps) -> AffineModel:
+        """h, G and C at n steps, as ``bias``, ``by_force`` and ``by_state``."""
+
+    @abstractmethod
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All of its numbers, by name."""
+
+    def along(self, steps: PlannedSteps) -> AffineModel:
+        """h, B + G and C at n steps; forces of pairs in the air do nothing."""
+        found = self.residual(steps)
+        by_force = (self.body.force_rows(steps.foot) + found.by_force) * per_axis(steps.pushing)[:, None, :]
+        return AffineModel(found.bias, by_force, found.by_state)
+
+
+@dataclass(frozen=True)
+class NominalDeviation(DeviationModel):
+    """No residual: the plan is kept, and forces move a rigid body away from it."""
+
+    body: RigidBody
+
+    def residual(self, steps: PlannedSteps) -> AffineModel:
+        """Zero h, G and C at n steps."""
+        n = len(steps)
+        return AffineModel(np.zeros((n, 3)), np.zeros((n, 3, 4)), np.zeros((n, 3, 6)))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Nothing was learned."""
+        return {}

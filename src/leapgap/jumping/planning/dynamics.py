@@ -11,10 +11,20 @@ import casadi as ca
 import numpy as np
 
 from leapgap.jumping.models.planar import PlanarLink, PlanarRobot
-from leapgap.jumping.planning.layout import PITCH, X, Z
 
-Scalar = Any
-"""A float, or a CasADi expression."""
+TRUNK = ("x", "z", "pitch")
+JOINTS = ("front_thigh", "front_calf", "rear_thigh", "rear_calf")
+
+# Layout of q and v: position of the trunk, its pitch, the joints of the pairs.
+X, Z, PITCH = 0, 1, 2
+JOINT = slice(3, 7)
+COORDINATES = 7
+
+CROUCH = np.array([-0.4, 0.75, -0.4, 0.75]) * np.pi
+"""Joint angles the published jumps start and end with, rad, in the planner's sign."""
+
+
+Scalar = Any  # A float, or a CasADi expression
 
 
 @dataclass(frozen=True)
@@ -37,14 +47,9 @@ class Vector:
         """Moment about +y of a force that acts at this lever arm."""
         return self.z * force.x - self.x * force.z
 
-    @property
-    def angle_derivative(self) -> "Vector":
-        """Derivative of a link-fixed vector by the angle of its link."""
-        return Vector(self.z, -self.x)
-
     def second_derivative(self, omega: Scalar, alpha: Scalar) -> "Vector":
         """Second time derivative of a link-fixed vector at angular velocity ω and acceleration α."""
-        return alpha * self.angle_derivative - omega**2 * self
+        return alpha * Vector(self.z, -self.x) - omega**2 * self
 
 
 @dataclass(frozen=True)
@@ -58,12 +63,9 @@ class Leg:
     knee_to_calf_com: Vector
     hip: Vector
     knee: Vector
-    foot: Vector
-    """Centre of the foot's sphere."""
-    foot_to_ground: Vector
-    """Vector to the contact point on the sphere."""
-    anchor: Vector
-    """Point that does not move while the foot stands: its centre minus the distance it has rolled."""
+    foot: Vector  # Centre of the foot's sphere
+    foot_to_ground: Vector  # Vector to the contact point on the sphere
+    anchor: Vector  # Point that does not move while the foot stands: its centre minus the distance it has rolled
 
 
 def link_angles(q: Any) -> list[Scalar]:
@@ -86,20 +88,9 @@ def legs(robot: PlanarRobot, q: Any) -> tuple[Leg, Leg]:
         hip = trunk + to_hip
         foot = hip + to_knee + to_foot
         radius = robot.rolling_radius_m
-        both.append(
-            Leg(
-                to_hip,
-                to_knee,
-                centre_of(leg.thigh, thigh),
-                to_foot,
-                centre_of(leg.calf, calf),
-                hip,
-                hip + to_knee,
-                foot,
-                Vector(0.0, -radius),
-                foot - Vector(radius * calf, 0.0),
-            )
-        )
+        coms = centre_of(leg.thigh, thigh), centre_of(leg.calf, calf)
+        points = hip, hip + to_knee, foot, Vector(0.0, -radius), foot - Vector(radius * calf, 0.0)
+        both.append(Leg(to_hip, to_knee, coms[0], to_foot, coms[1], *points))
     return both[0], both[1]
 
 

@@ -21,8 +21,18 @@ import casadi as ca
 import numpy as np
 
 from leapgap.jumping.models.planar import PlanarRobot
-from leapgap.jumping.planning.dynamics import inverse_dynamics_residual, legs
-from leapgap.jumping.planning.layout import COORDINATES, CROUCH, JOINT, JOINTS, PITCH, TRUNK, X, Z
+from leapgap.jumping.planning.dynamics import (
+    COORDINATES,
+    CROUCH,
+    JOINT,
+    JOINTS,
+    PITCH,
+    TRUNK,
+    X,
+    Z,
+    inverse_dynamics_residual,
+    legs,
+)
 from leapgap.jumping.planning.problem import (
     Grid,
     Limits,
@@ -38,16 +48,13 @@ from leapgap.logs.schema import PAIR_FORCE_AXES
 from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PAIRS
 
-Bounds = tuple[np.ndarray, np.ndarray]
-"""Lower and upper bounds, equal shapes."""
+Bounds = tuple[np.ndarray, np.ndarray]  # Lower and upper bounds, equal shapes
 
 INFINITY = float("inf")
-SWING_RISE_M = 0.004
-"""Least rise of a swinging foot in each step, m; 0.4 m/s for steps of 0.01 s."""
+SWING_RISE_M = 0.004  # Least rise of a swinging foot in each step, m; 0.4 m/s for steps of 0.01 s
 EDGE_MARGIN_M, ROUNDED_M = 0.02, 0.02
 """Least distance of feet from a box's face, m, and width over which the maximum of two distances is smoothed, m."""
-AMPLE = 1e3
-"""Bound, N·m and rad/s, that is larger than any jump needs."""
+AMPLE = 1e3  # Bound, N·m and rad/s, that is larger than any jump needs
 
 
 @dataclass(frozen=True)

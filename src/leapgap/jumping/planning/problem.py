@@ -6,9 +6,9 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.models.planar import PlanarRobot
-from leapgap.jumping.planning.dynamics import Leg, legs
-from leapgap.jumping.planning.layout import CROUCH
+from leapgap.jumping.planning.dynamics import CROUCH, Leg, legs
 from leapgap.jumping.task import ContactSchedule, Target
+from leapgap.robot.terrain import Box
 
 LONGEST_JUMP_M = 5.0
 HIGHEST_JUMP_M = 2.0
@@ -18,12 +18,9 @@ HIGHEST_JUMP_M = 2.0
 class Weights:
     """Weights of the cost Σ_{k<N} (pose ‖q_j − crouch‖² + torque ‖τ‖²) + landing_pose ‖q_j(N) − crouch‖²."""
 
-    pose: float = 1.0
-    """1/rad²"""
-    torque: float = 0.05
-    """1/(N·m)², on the sum of a pair"""
-    landing_pose: float = 100.0
-    """1/rad²"""
+    pose: float = 1.0  # 1/rad²
+    torque: float = 0.05  # 1/(N·m)², on the sum of a pair
+    landing_pose: float = 100.0  # 1/rad²
 
     def __post_init__(self) -> None:
         if not (
@@ -42,16 +39,12 @@ class Limits:
     friction: float = 0.4
     least_front_force_n: float = 30.0
     least_rear_force_n: float = 50.0
-    stance_torque_nm: float = float("inf")
-    """Infinite: what the robot's motors give, 67 N·m for the published robot."""
-    swing_torque_nm: float = 20.0
-    """Torque limit of the front pair while the rear pair still pushes."""
+    stance_torque_nm: float = float("inf")  # Infinite: what the robot's motors give, 67 N·m for the published robot
+    swing_torque_nm: float = 20.0  # Torque limit of the front pair while the rear pair still pushes
     flight_torque_nm: float = 30.0
     joint_speed_rad_s: float = 21.0
-    knee_clearance_m: float = 0.05
-    """Least height of a standing leg's knee above its foot."""
-    hip_clearance_m: float = 0.07
-    """Least height of a standing leg's hip above its foot."""
+    knee_clearance_m: float = 0.05  # Least height of a standing leg's knee above its foot
+    hip_clearance_m: float = 0.07  # Least height of a standing leg's hip above its foot
     swing_clearance_m: float | None = None
     """Least height of the front feet over where they stood while only the rear ones push, reached by
     ``nlp.SWING_RISE_M`` a knot; feet in the air keep clear of boxes, too. None, as published: planned feet may then
@@ -75,12 +68,9 @@ class Grid:
             whole = round(length / self.step_s) if np.isfinite(length) else 0
             if whole < 1 or abs(whole * self.step_s - length) > 1e-9:
                 shorter = max(1, int(length / self.step_s) if whole else 1) * self.step_s
-                raise InputError(
-                    f"contact schedule, {name}",
-                    f"{length:g} s",
-                    f"a whole number of {self.step_s:g} s steps, one or more",
-                    f"the nearest lengths are {shorter:g} s and {shorter + self.step_s:g} s",
-                )
+                expected = f"a whole number of {self.step_s:g} s steps, one or more"
+                do = f"the nearest lengths are {shorter:g} s and {shorter + self.step_s:g} s"
+                raise InputError(f"contact schedule, {name}", f"{length:g} s", expected, do)
 
     def _phase_steps(self, seconds: float) -> int:
         return round(seconds / self.step_s)
@@ -120,8 +110,7 @@ class Aim:
 
     x_m: float = 0.0
     z_m: float = 0.0
-    pitch_rad: float = 0.0
-    """Pitch of the trunk at the landing, nose-down; the published plans land level."""
+    pitch_rad: float = 0.0  # Pitch of the trunk at the landing, nose-down; the published plans land level
 
 
 @dataclass(frozen=True)
@@ -140,26 +129,19 @@ class Problem:
     def __post_init__(self) -> None:
         x, z = self.target.x_m, self.target.z_m
         if not (np.isfinite([x, z]).all() and abs(x) <= LONGEST_JUMP_M and 0 <= z <= HIGHEST_JUMP_M):
-            raise InputError(
-                "jump target",
-                f"x {x:g} m, z {z:g} m",
-                f"x within ±{LONGEST_JUMP_M:g} m, z from 0 (the floor) to {HIGHEST_JUMP_M:g} m",
-                "give targets in metres; the A1 is known to reach -0.3 to 0.8 m and boxes up to 0.2 m",
-            )
+            expected = f"x within ±{LONGEST_JUMP_M:g} m, z from 0 (the floor) to {HIGHEST_JUMP_M:g} m"
+            do = "give targets in metres; the A1 is known to reach -0.3 to 0.8 m and boxes up to 0.2 m"
+            raise InputError("jump target", f"x {x:g} m, z {z:g} m", expected, do)
 
 
 @dataclass(frozen=True)
 class Trajectory:
     """Motion and effort of a plan in the planner's coordinates (q as in ``jumping.planning.layout``), SI units."""
 
-    q: np.ndarray
-    """(N + 1, 7)"""
-    v: np.ndarray
-    """(N + 1, 7)"""
-    torque: np.ndarray
-    """(N, 4), of the joint pairs"""
-    force: np.ndarray
-    """(N, 4), of the feet of a pair on the ground: front x z, rear x z"""
+    q: np.ndarray  # (N + 1, 7)
+    v: np.ndarray  # (N + 1, 7)
+    torque: np.ndarray  # (N, 4), of the joint pairs
+    force: np.ndarray  # (N, 4), of the feet of a pair on the ground: front x z, rear x z
 
 
 def start_legs(robot: PlanarRobot, pitch_rad: float = 0.0) -> tuple[Leg, Leg]:
@@ -176,3 +158,25 @@ def start_feet(robot: PlanarRobot, pitch_rad: float = 0.0) -> tuple[tuple[float,
 def start_rise(robot: PlanarRobot, pitch_rad: float) -> float:
     """Height of the trunk above its rear feet at a pitch − that of a level trunk, m."""
     return start_feet(robot)[1][1] - start_feet(robot, pitch_rad)[1][1]
+
+
+BOX_MARGIN = 0.05  # m, least distance of a box from the feet that start in front of it: knees bend beyond them
+BOX_EDGES = (1.2, 1.0)  # m, along x and y: room to land and stand
+
+
+def terrain(robot: PlanarRobot, target: Target) -> tuple[Box, ...]:
+    """The box a jump lands on, if it lands higher than it started.
+
+    Its near edge lies midway between the feet that start in front of it and those that land on it; where
+    these overlap (boxes nearer than about 0.46 m), just beyond the feet at the start.
+    """
+    if target.z_m == 0:
+        return ()
+    (front, _), (rear, _) = start_feet(robot)
+    forward = 1.0 if target.x_m >= 0 else -1.0
+    leading, trailing = (front, rear) if forward > 0 else (rear, front)
+    last_at_start = forward * leading + robot.foot_radius
+    first_at_landing = forward * (target.x_m + trailing) - robot.foot_radius
+    near = max(last_at_start + BOX_MARGIN, (last_at_start + first_at_landing) / 2)
+    size = (BOX_EDGES[0], BOX_EDGES[1], target.z_m)
+    return (Box(x_m=forward * (near + BOX_EDGES[0] / 2), y_m=0.0, size_m=size, top_m=target.z_m),)

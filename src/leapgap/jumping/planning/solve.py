@@ -12,15 +12,13 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.models.planar import PlanarRobot
-from leapgap.jumping.planning.boxes import terrain
 from leapgap.jumping.planning.nlp import GROUPS, Bounds, JumpNlp, Label
-from leapgap.jumping.planning.problem import Grid, Limits, Problem, Trajectory, Weights
+from leapgap.jumping.planning.problem import Aim, Grid, Limits, Problem, Trajectory, Weights, terrain
+from leapgap.jumping.task import Target
 from leapgap.robot.terrain import Box
 
-FEASIBLE = 1e-6
-"""A solution may break no constraint by more than this, each in its SI unit."""
-NEAR_M = 0.03
-"""A plan helps to solve its neighbour within this distance; from farther away a cold start is faster."""
+FEASIBLE = 1e-6  # A solution may break no constraint by more than this, each in its SI unit
+NEAR_M = 0.03  # A plan helps to solve its neighbour within this distance; from farther away a cold start is faster
 
 COLD: dict[str, Any] = {
     "print_level": 0,
@@ -85,13 +83,10 @@ class Solution:
     problem: Problem
     trajectory: Trajectory
     cost: float
-    max_violation: float
-    """Largest violation of any constraint or bound, each in its SI unit."""
+    max_violation: float  # Largest violation of any constraint or bound, each in its SI unit
     worst: Violation
-    status: str
-    """Return status of IPOPT."""
-    solved: bool
-    """The solver converged and no constraint is broken by more than ``FEASIBLE``."""
+    status: str  # Return status of IPOPT
+    solved: bool  # The solver converged and no constraint is broken by more than ``FEASIBLE``
     iterations: int
     seconds: float
     iterate: Iterate
@@ -115,8 +110,7 @@ class Planner:
     robot: PlanarRobot
     weights: Weights
     limits: Limits
-    boxes: tuple[Box, ...] = ()
-    """Boxes that feet in the air keep clear of."""
+    boxes: tuple[Box, ...] = ()  # Boxes that feet in the air keep clear of
     _lock: Any = field(default_factory=threading.RLock, compare=False, repr=False)
 
     @cached_property
@@ -125,16 +119,13 @@ class Planner:
         return JumpNlp(self.grid, self.robot, self.weights, self.limits, self.boxes)
 
     @cached_property
-    def _nlp(self) -> dict[str, ca.SX]:
-        return {"x": self.programme.w, "f": self.programme.cost, "g": self.programme.g}
-
-    @cached_property
     def _cold(self) -> ca.Function:
         return self._solver(COLD)
 
     def _solver(self, ipopt: dict[str, Any], **derivatives: ca.Function) -> ca.Function:
         options: dict[str, Any] = {"print_time": False, "ipopt": ipopt, **derivatives}
-        return ca.nlpsol("solver", "ipopt", self._nlp, options)
+        nlp = {"x": self.programme.w, "f": self.programme.cost, "g": self.programme.g}
+        return ca.nlpsol("solver", "ipopt", nlp, options)
 
     @cached_property
     def _warm(self) -> ca.Function:
@@ -157,18 +148,16 @@ class Planner:
         self.prepare()
         start = time.perf_counter()
         if near is not None:
-            warm = self._continue(problem, near, start)
+            warm = self.continue_from(problem, near, start)
             if warm.solved:
                 return warm
         return self._run(self._cold, problem, self._first_guess, start)
 
-    def continue_from(self, problem: Problem, near: Solution) -> Solution:
+    def continue_from(self, problem: Problem, near: Solution, since: float | None = None) -> Solution:
         """Plan a jump from ``near`` alone: it stays on that plan's branch, or is not solved."""
         self.prepare()
-        return self._continue(problem, near, time.perf_counter())
-
-    def _continue(self, problem: Problem, near: Solution, since: float) -> Solution:
-        return self._run(self._warm, problem, near.iterate.with_rows(len(self.programme.row_labels)), since)
+        start = near.iterate.with_rows(len(self.programme.row_labels))
+        return self._run(self._warm, problem, start, time.perf_counter() if since is None else since)
 
     def obstacle(self, problem: Problem) -> Violation:
         """The constraint that prevents a jump: the one violated most by a plan without motor limits."""
@@ -183,15 +172,8 @@ class Planner:
         return Iterate(guess, np.zeros_like(guess), np.zeros(len(self.programme.row_labels)))
 
     def _minimise(self, solver: ca.Function, start: Iterate, w_bounds: Bounds, g_bounds: Bounds) -> Iterate:
-        found = solver(
-            x0=start.w,
-            lam_x0=start.multipliers_w,
-            lam_g0=start.multipliers_g,
-            lbx=w_bounds[0],
-            ubx=w_bounds[1],
-            lbg=g_bounds[0],
-            ubg=g_bounds[1],
-        )
+        first = {"x0": start.w, "lam_x0": start.multipliers_w, "lam_g0": start.multipliers_g}
+        found = solver(**first, lbx=w_bounds[0], ubx=w_bounds[1], lbg=g_bounds[0], ubg=g_bounds[1])
         return Iterate(*(np.array(found[name]).ravel() for name in ("x", "lam_x", "lam_g")))
 
     def _worst(self, w: np.ndarray, problem: Problem) -> Violation:
@@ -289,3 +271,107 @@ def landing_goal(problem: Problem) -> np.ndarray:
     """Pose in which a plan ends: x, z, m, and pitch, rad, (3,)."""
     target, aim = problem.target, problem.aim
     return np.array([target.x_m + aim.x_m, target.z_m + aim.z_m, aim.pitch_rad])
+
+
+Index = tuple[int, ...]
+"""Coordinates of a node of the lattice: x, z and pitch of the goal, and pitch of the stance, in spacings."""
+
+HALVINGS = 2  # A step that leads to no plan is halved so many times; each half may be halved again
+
+
+@dataclass(frozen=True)
+class FamilyConfig:
+    """The canonical jump, and the lattice of jumps between it and all others."""
+
+    x_m: float = 0.4
+    """Distance of the canonical jump, which lands level on the floor. Its plan comes from a cold start."""
+    spacing: tuple[float, float, float, float] = (0.1, 0.06, 0.1, 0.06)
+    """Distance of neighbouring nodes: x, z, pitch of the goal, and pitch of the stance; m, m, rad, rad."""
+
+
+@dataclass
+class PlanFamily:
+    """Plans of one robot. A plan depends on its own goal only, not on what was planned before it.
+
+    The nodes of a lattice of jumps are planned when they are first needed, each from its neighbour nearer to the
+    canonical jump, and kept. A plan starts from the node nearest to its goal.
+    """
+
+    robot: PlanarRobot
+    grid: Grid
+    limits: Limits
+    config: FamilyConfig
+    _nodes: dict[tuple[tuple[Box, ...], Index], Solution] = field(default_factory=dict)
+
+    def plan(self, target: Target, goal: np.ndarray, stance_pitch: float) -> Solution:
+        """The plan to a goal (x, z, pitch; m, m, rad) from a stance of this pitch, rad; it may be unsolved.
+
+        Where the target is on a box, the feet keep clear of it.
+        """
+        boxes = () if self.limits.swing_clearance_m is None else terrain(self.robot, target)
+        at = np.append(goal, stance_pitch)
+        node = self._node(boxes, tuple(int(n) for n in np.round((at - self._origin) / self._spacing)))
+        return self._continue(boxes, node, target, at)
+
+    @property
+    def _origin(self) -> np.ndarray:
+        return np.array([self.config.x_m, 0.0, 0.0, 0.0])
+
+    @property
+    def _spacing(self) -> np.ndarray:
+        return np.array(self.config.spacing)
+
+    def _problem(self, target: Target, at: np.ndarray) -> Problem:
+        x, z, pitch, stance = (float(value) for value in at)
+        aim = Aim(x - target.x_m, z - target.z_m, pitch)
+        return Problem(target, self.grid, self.robot, Weights(), self.limits, stance_pitch_rad=stance, aim=aim)
+
+    def _node(self, boxes: tuple[Box, ...], index: Index) -> Solution:
+        """The plan at a node; where there is none, that of the nearest node on the way from the canonical jump."""
+        if (boxes, index) not in self._nodes:
+            self._nodes[boxes, index] = self._plan_node(boxes, index)
+        return self._nodes[boxes, index]
+
+    def _plan_node(self, boxes: tuple[Box, ...], index: Index) -> Solution:
+        target, at = Target(self.config.x_m), self._origin + self._spacing * index
+        if not boxes and not any(index):
+            problem = self._problem(target, at)
+            return planner_of(problem).solve(problem)
+        # Boxes are added at the node itself: on the way to it there are none.
+        before = self._node((), index) if boxes else self._node((), toward_origin(index))
+        if not before.solved:
+            return before
+        solution = self._continue(boxes, before, target, at)
+        return solution if solution.solved else before
+
+    def _continue(
+        self, boxes: tuple[Box, ...], start: Solution, target: Target, at: np.ndarray, halvings: int = HALVINGS
+    ) -> Solution:
+        """The plan at ``at`` (4,) from that of ``start``; where one step is too long, in two, and so on."""
+        problem = self._problem(target, at)
+        planner = planner_of(problem, boxes)
+        direct = planner.continue_from(problem, start)
+        if direct.solved or not halvings or not start.solved:
+            return direct
+        middle = (coordinates(start.problem) + at) / 2
+        half = self._continue(boxes, start, target, middle, halvings - 1)
+        return self._continue(boxes, half, target, at, halvings - 1) if half.solved else direct
+
+
+def coordinates(problem: Problem) -> np.ndarray:
+    """x, z and pitch of a plan's goal, and pitch of its stance, (4,), m, m, rad, rad."""
+    return np.append(landing_goal(problem), problem.stance_pitch_rad)
+
+
+def toward_origin(index: Index) -> Index:
+    """The next node on the way to the origin: one step back along the coordinate that is farthest from it."""
+    steps = np.array(index)
+    farthest = int(np.argmax(np.abs(steps)))
+    steps[farthest] -= np.sign(steps[farthest])
+    return tuple(int(n) for n in steps)
+
+
+@lru_cache(maxsize=16)
+def plan_family(robot: PlanarRobot, grid: Grid, limits: Limits, config: FamilyConfig) -> PlanFamily:
+    """The family of these settings; it is cached, so that its lattice is planned once."""
+    return PlanFamily(robot, grid, limits, config)

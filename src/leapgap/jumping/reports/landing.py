@@ -1,5 +1,6 @@
 """Landing experiment as one HTML page: errors, forces, joints, pitch and fallbacks of each method."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,12 +67,9 @@ FRICTION, FRICTION_OF_GROUND, LARGEST_N = 0.6, 0.8, 350.0
 """Friction cone of the MPC, friction of the simulated ground, and force limit of the MPC, N."""
 LARGEST_PITCH_DEG = 15.0
 LEAST_PUSH_N = 20.0
-LEAST_SHOWN_CM = 0.05
-"""Smaller errors are drawn at this value, because the axis is logarithmic."""
-CURVE_STEP_S = 0.005
-"""Each point of a curve is a mean over this time."""
-SINCE_BEGIN = "s since the first jump began"
-"""Title of the time axis of curves."""
+LEAST_SHOWN_CM = 0.05  # Smaller errors are drawn at this value, because the axis is logarithmic
+CURVE_STEP_S = 0.005  # Each point of a curve is a mean over this time
+SINCE_BEGIN = "s since the first jump began"  # Title of the time axis of curves
 Rows = Sequence[Mapping[str, Any]]
 
 
@@ -91,13 +89,17 @@ def html(figures: Mapping[str, Any], rows: Rows, single: Sequence[str], runs: Pa
         mine, own = [row for row in rows if row["hardware"] == hardware], methods_on[hardware]
         drawn |= {
             f"size_{hardware}": sizes(figures, hardware, own, tasks),
-            f"signed_{hardware}": signed_errors(mine, own, tasks),
-            f"pitch_{hardware}": pitches(mine, own, tasks),
+            f"signed_{hardware}": every_jump(mine, own, tasks, *SIGNED),
+            f"pitch_{hardware}": every_jump(mine, own, tasks, *PITCHES),
         }
     if rows:
         drawn["bounds"] = bounds(rows, methods)
     first = next((row for row in rows if row["hardware"] == robots[0]), None)
-    logs = {} if first is None else kept_logs(runs / first["robot"], methods, tasks)
+    logs: dict[tuple[str, str], Log] = {}
+    for task, method in itertools.product(tasks, methods):
+        path = runs / (first["robot"] if first else "") / method / f"{task}_0.parquet"
+        if first and path.is_file():
+            logs[task, method] = read_log(path)
     if logs:
         drawn |= {"forces": forces(logs), "joints": joints(logs)}
     return render_page(
@@ -179,25 +181,41 @@ def sizes(figures: Mapping[str, Any], hardware: str, methods: Sequence[str], tas
             low, high = figures["abs_error_ci95_cm"][key] or (mean, mean)
             bars = {"array": [high - mean], "arrayminus": [mean - low], "thickness": 1.5, "width": 3}
             marker = {"color": colour(method), "size": 10}
-            add_points(figure, panel, x=[mean], y=[label(method)], error_x=bars, marker=marker, mode="markers")
+            points = go.Scatter(
+                x=[mean], y=[label(method)], error_x=bars, marker=marker, mode="markers", showlegend=False
+            )
+            figure.add_trace(points, row=panel // 4 + 1, col=panel % 4 + 1)
     return style_panels(figure, methods, "mean of the errors' size, cm; bars: 95 % interval", log=True)
 
 
-def signed_errors(rows: Rows, methods: Sequence[str], tasks: Sequence[str]) -> go.Figure:
-    """Error of every jump, one panel for each task."""
-    figure = every_jump(rows, methods, tasks, "error_cm")
-    for panel in range(len(tasks)):
-        add_line(figure, panel, 0, {"color": "#111827", "width": 1})
-    return style_panels(figure, methods, "error of each jump, cm; positive: short of the target")
+SIGNED = ("error_cm", "error of each jump, cm; positive: short of the target", (0.0,), {"color": "#111827", "width": 1})
+PITCHES = (
+    *("pitch_deg", "pitch at the landing, degrees, nose-down", (-LARGEST_PITCH_DEG, LARGEST_PITCH_DEG)),
+    {"color": "#e2542f", "width": 1, "dash": "dot"},
+)
+"""Column of the rows, title of the axis, and vertical lines with their style."""
 
 
-def pitches(rows: Rows, methods: Sequence[str], tasks: Sequence[str]) -> go.Figure:
-    """Pitch of every jump at the scheduled landing, one panel for each task."""
-    figure = every_jump(rows, methods, tasks, "pitch_deg")
-    for panel in range(len(tasks)):
-        for edge in (-LARGEST_PITCH_DEG, LARGEST_PITCH_DEG):
-            add_line(figure, panel, edge, {"color": "#e2542f", "width": 1, "dash": "dot"})
-    return style_panels(figure, methods, "pitch at the landing, degrees, nose-down")
+def every_jump(
+    rows: Rows,
+    methods: Sequence[str],
+    tasks: Sequence[str],
+    column: str,
+    axis: str,
+    edges: Sequence[float],
+    line: Mapping[str, Any],
+) -> go.Figure:
+    """One value of every jump as a point, by method, one panel for each task, with vertical lines at some values."""
+    figure = panels(tasks)
+    for panel, task in enumerate(tasks):
+        where = {"row": panel // 4 + 1, "col": panel % 4 + 1}
+        for method in reversed(methods):
+            values = [row[column] for row in rows if row["task"] == task and row["method"] == method]
+            marker, names = {"color": colour(method), "size": 8, "opacity": 0.75}, [label(method)] * len(values)
+            figure.add_trace(go.Scatter(x=values, y=names, marker=marker, mode="markers", showlegend=False), **where)
+    for panel, edge in itertools.product(range(len(tasks)), edges):
+        figure.add_vline(edge, row=panel // 4 + 1, col=panel % 4 + 1, line=line)
+    return style_panels(figure, methods, axis)
 
 
 def bounds(rows: Rows, methods: Sequence[str]) -> go.Figure:
@@ -226,12 +244,7 @@ def panels(tasks: Sequence[str]) -> go.Figure:
     rows = -(-len(tasks) // 4)
     titles = [wrap_title(TASKS.get(task, task)) for task in tasks]
     return make_subplots(
-        rows=rows,
-        cols=4,
-        subplot_titles=titles,
-        shared_yaxes=True,
-        horizontal_spacing=0.015,
-        vertical_spacing=0.16,
+        rows=rows, cols=4, subplot_titles=titles, shared_yaxes=True, horizontal_spacing=0.015, vertical_spacing=0.16
     )
 
 
@@ -241,27 +254,6 @@ def wrap_title(text: str, width: int = 26) -> str:
     for word in text.split():
         lines = [*lines, word] if len(lines[-1]) + len(word) > width else [*lines[:-1], f"{lines[-1]} {word}".strip()]
     return "<br>".join(lines)
-
-
-def every_jump(rows: Rows, methods: Sequence[str], tasks: Sequence[str], column: str) -> go.Figure:
-    """One value of every jump as a point, by method, one panel for each task."""
-    figure = panels(tasks)
-    for panel, task in enumerate(tasks):
-        for method in reversed(methods):
-            values = [row[column] for row in rows if row["task"] == task and row["method"] == method]
-            marker = {"color": colour(method), "size": 8, "opacity": 0.75}
-            add_points(figure, panel, x=values, y=[label(method)] * len(values), marker=marker, mode="markers")
-    return figure
-
-
-def add_line(figure: go.Figure, panel: int, x: float, line: Mapping[str, Any]) -> None:
-    """Add a vertical line to a panel."""
-    figure.add_vline(x, row=panel // 4 + 1, col=panel % 4 + 1, line=line)
-
-
-def add_points(figure: go.Figure, panel: int, **style: Any) -> None:
-    """Add points to a panel."""
-    figure.add_trace(go.Scatter(showlegend=False, **style), row=panel // 4 + 1, col=panel % 4 + 1)
 
 
 def style_panels(figure: go.Figure, methods: Sequence[str], axis: str, log: bool = False) -> go.Figure:
@@ -275,12 +267,6 @@ def style_panels(figure: go.Figure, methods: Sequence[str], axis: str, log: bool
     figure.update_annotations(font_size=13)
     figure.add_annotation(text=axis, x=0.5, y=0, yshift=-58, xref="paper", yref="paper", showarrow=False)
     return figure
-
-
-def kept_logs(folder: Path, methods: Sequence[str], tasks: Sequence[str]) -> dict[tuple[str, str], Log]:
-    """Logs of each method's first run at each task, where they exist."""
-    found = {(task, method): folder / method / f"{task}_0.parquet" for task in tasks for method in methods}
-    return {key: read_log(path) for key, path in found.items() if path.is_file()}
 
 
 def forces(logs: Mapping[tuple[str, str], Log]) -> go.Figure:
@@ -349,8 +335,10 @@ def joints(logs: Mapping[tuple[str, str], Log]) -> go.Figure:
 
 def add_menu(figure: go.Figure, items: Any, owners: Sequence[int], height: int) -> go.Figure:
     """Add a menu that shows the traces of one item at a time; ``owners`` holds the item of each trace."""
+    titles = [(item, "") if isinstance(item, str) else item for item in items]
+    labels = [TASKS.get(task, task) + (f": {label(method)}" if method else "") for task, method in titles]
     buttons = [
-        {"label": menu_label(item), "method": "update", "args": [{"visible": [owner == number for owner in owners]}]}
+        {"label": labels[number], "method": "update", "args": [{"visible": [owner == number for owner in owners]}]}
         for number, item in enumerate(items)
     ]
     menu = {"buttons": buttons, "x": 0, "xanchor": "left", "y": 1.0, "yanchor": "bottom", "pad": {"b": 48}}
@@ -361,14 +349,6 @@ def add_menu(figure: go.Figure, items: Any, owners: Sequence[int], height: int) 
         legend={"orientation": "h", "y": -0.12, "yanchor": "top"},
     )
     return figure
-
-
-def menu_label(item: Any) -> str:
-    """Label of a menu's item, which is a task, or a task and a method."""
-    if isinstance(item, str):
-        return TASKS.get(item, item)
-    task, method = item
-    return f"{TASKS.get(task, task)}: {label(method)}"
 
 
 def mean_over_steps(values: np.ndarray, log: Log) -> np.ndarray:

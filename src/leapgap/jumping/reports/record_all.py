@@ -1,18 +1,132 @@
 """Recordings of all results of the pipeline: which folders are shown, and in which form."""
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import rerun as rr
+import rerun.blueprint as rrb
+
 from leapgap.errors import InputError
 from leapgap.jumping.reports import references
 from leapgap.jumping.reports.method_comparison import comparison_logs, record_comparison
-from leapgap.jumping.reports.prediction import record_prediction
 from leapgap.logs.log import Log, read_log
-from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, JUDGED, record_jump
+from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, JUDGED, add_panels, log_notes, overview, plot, record_jump
+from leapgap.reports.plots import COMPONENTS, Curve, components, log_phases, log_plot
+from leapgap.reports.scene import WORLD, log_scene
+from leapgap.reports.shown_robot import GHOSTS as GHOST_COLOURS
+from leapgap.reports.shown_robot import Colour, Recorder, ShownRobot, recording, shown_robots
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import read_json, write_text
+
+TRUTH = "measured"
+COLUMNS = ("model", "window", "step", "time", *(part.key for part in COMPONENTS))
+SHOWN_WINDOW_S = 0.65  # Start of the roll-out that is plotted, s: the rear feet push, before the flight
+MORE_COLOURS: tuple[Colour, ...] = ((160, 160, 160), (200, 170, 90), (150, 200, 90))
+
+
+@dataclass(frozen=True)
+class ShownPrediction:
+    """Prediction of one model from the start of one window on."""
+
+    time: np.ndarray  # Times of the steps, s, (steps,)
+    values: Mapping[str, np.ndarray]  # Predicted absolute values by ``Component.key``, (steps,) each
+
+    @property
+    def start_s(self) -> float:
+        """Time at which the prediction starts, s."""
+        return float(self.time[0])
+
+
+def read_predictions(path: Path) -> dict[str, list[ShownPrediction]]:
+    """Roll-outs of every model in the order of their starts; ``InputError`` where columns are missing."""
+    if not path.is_file():
+        raise InputError(path, "no such file", "predictions (Parquet)", "run the stage evaluate first")
+    try:
+        table = pq.read_table(path)
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(
+            path, f"no readable Parquet ({error})", "a table of predictions", "run the stage evaluate again"
+        ) from None
+    missing = [name for name in COLUMNS if name not in table.column_names]
+    if missing:
+        raise InputError(path, f"no column {', '.join(missing)}", ", ".join(COLUMNS), "run the stage evaluate again")
+    model = np.asarray(table["model"].to_pylist())
+    window, step = table["window"].to_numpy(), table["step"].to_numpy()
+    columns = {name: table[name].to_numpy() for name in COLUMNS[3:]}
+    by_model: dict[str, list[ShownPrediction]] = {}
+    for name in dict.fromkeys(model.tolist()):
+        roll_outs = []
+        for number in np.unique(window[model == name]):
+            rows = np.flatnonzero((model == name) & (window == number))
+            rows = rows[np.argsort(step[rows], kind="stable")]
+            values = {part.key: columns[part.key][rows] for part in COMPONENTS}
+            roll_outs.append(ShownPrediction(columns["time"][rows], values))
+        by_model[name] = sorted(roll_outs, key=lambda roll_out: roll_out.start_s)
+    return by_model
+
+
+def record_prediction(
+    path: Path,
+    jump: Log,
+    robot: Robot,
+    predictions: Path,
+    title: str | None = None,
+    window_start_s: float = SHOWN_WINDOW_S,
+    shown: Sequence[str] | None = None,
+) -> None:
+    """Write a jump and the models' predictions of it as a recording, whole or not at all.
+
+    ``shown`` names the models to show, those of them that the table has; None: all. In 3-D, the way of the base that
+    each model predicts from the time cursor on; in the plots, the window that starts nearest to ``window_start_s``.
+    """
+    by_model = read_predictions(predictions)
+    actors = shown_robots(TRUTH, jump, {}, robot)
+    models = [name for name in shown or by_model if name != TRUTH and by_model.get(name)]
+    colours = dict(zip(models, itertools.cycle((*GHOST_COLOURS, *MORE_COLOURS)), strict=False))
+    title = title or f"predictions of {jump.name}"
+    views = [plot(f"base/{part.key}", part.label, legend=part is COMPONENTS[0]) for part in COMPONENTS]
+    plots = rrb.Grid(*views, grid_columns=2, name="Base, predicted from one window on")
+    notes = rrb.TextDocumentView(origin="notes", name="Notes")
+    layout = add_panels(rrb.Tabs(overview(actors, plots), notes, active_tab=0))
+    aside = jump["base_pos_y"] if "base_pos_y" in jump else np.zeros(len(jump))
+    with recording(path, title, layout) as to:
+        log_scene(to, actors)
+        log_phases(to, actors[0])
+        for name in models:
+            entity = f"{WORLD}/predicted/{name}"
+            to.static(entity, rr.LineStrips3D.from_fields(colors=[colours[name]], radii=[0.006]))
+            first_of = {one.start_s: one for one in by_model[name]}
+            ways = [
+                (one.values["x"], np.interp(one.time, jump.time, aside), one.values["z"]) for one in first_of.values()
+            ]
+            strips = [np.stack(way, axis=-1).astype(np.float32) for way in ways]
+            to.over_time(entity, np.array(list(first_of)), rr.LineStrips3D.columns(strips=strips))
+        log_predicted_base(to, actors[0], by_model, colours, window_start_s)
+        log_notes(to, actors, title)
+
+
+def log_predicted_base(
+    to: Recorder,
+    actor: ShownRobot,
+    by_model: Mapping[str, Sequence[ShownPrediction]],
+    colours: Mapping[str, Colour],
+    window_start_s: float,
+) -> None:
+    """Log the measured components over the whole jump, and one roll-out of each model."""
+    time = actor.jump.time
+    for part in COMPONENTS:
+        if part in components(actor.jump):
+            log_plot(to, f"base/{part.key}/{TRUTH}", time, [Curve(TRUTH, actor.colour, part.of(actor.jump))], width=2.5)
+        for model, colour in colours.items():
+            shown = min(by_model[model], key=lambda roll_out: abs(roll_out.start_s - window_start_s))
+            curve = Curve(model, colour, shown.values[part.key])
+            log_plot(to, f"base/{part.key}/{model}", shown.time, [curve])
 
 
 @dataclass(frozen=True)
@@ -27,18 +141,12 @@ class View:
     replays_published: str
     predictions_simulated: str
     predictions_published: str
-    most: int
-    """Largest number of recordings of each kind; the first by name are taken."""
-    most_predictions: int
-    """Largest number of jumps with predictions of each kind; the first by name are taken."""
-    most_landings: int
-    """Largest number of tasks whose landings are recorded."""
-    models: list[str]
-    """Models whose predictions are shown; empty: all."""
-    landings: str | None
-    """Folder of the runs of one robot, as stage ``land`` keeps them."""
-    landing_methods: list[str]
-    """Methods shown in one scene, the first solid, the others as ghosts."""
+    most: int  # Largest number of recordings of each kind; the first by name are taken
+    most_predictions: int  # Largest number of jumps with predictions of each kind; the first by name are taken
+    most_landings: int  # Largest number of tasks whose landings are recorded
+    models: list[str]  # Models whose predictions are shown; empty: all
+    landings: str | None  # Folder of the runs of one robot, as stage ``land`` keeps them
+    landing_methods: list[str]  # Methods shown in one scene, the first solid, the others as ghosts
     out: str | None = None
 
     def __post_init__(self) -> None:
@@ -101,7 +209,11 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
             continue
         tables = logs_in(Path(folder))
         for path in islice(tables, view.most_predictions):
-            jump = predicted_jump(path, Path(of_jumps))
+            log = Path(of_jumps) / path.name
+            if not log.is_file():
+                do = "predict jumps of that folder again"
+                raise InputError(path, f"no jump log {log}", "a log of the same name", do)
+            jump = read_log(log)
             record_prediction(
                 out / f"prediction_{kind}_{jump.name}.rrd",
                 jump,
@@ -136,16 +248,6 @@ def ghosts_of(jump: Log, replays: str | None) -> dict[str, Log]:
         return {}
     found = {name: Path(replays) / kind / f"{jump.name}.parquet" for kind, name in GHOSTS.items()}
     return {name: read_log(path) for name, path in found.items() if path.is_file()}
-
-
-def predicted_jump(predictions: Path, jumps: Path) -> Log:
-    """The jump log that a table of predictions belongs to."""
-    log = jumps / predictions.name
-    if not log.is_file():
-        raise InputError(
-            predictions, f"no jump log {log}", "a log of the same name", "predict jumps of that folder again"
-        )
-    return read_log(log)
 
 
 def describe_recordings(kind: str, folder: str, there: int, most: int) -> str:

@@ -14,9 +14,7 @@ from leapgap.reports.page import render_page
 from leapgap.runtime.atomic_io import read_json
 
 BAR_PX, ROW_PX, LABEL_PX, VALUE_PX = 320, 22, 260, 70
-MOST_BARS = 14
-MOST_RANKED = 4
-"""Of a ranked figure, those that stand in words."""
+MOST_BARS, MOST_RANKED = 14, 4  # Of a ranked figure, those that are drawn, and those that stand in words
 
 
 class Shown:
@@ -28,69 +26,54 @@ class Shown:
     def __format__(self, how: str) -> str:
         if self.value is None:
             return "–"
-        if how == "#":
-            return str(len(self.value))
-        if how == "%":
-            return f"{100 * self.value:.0f} %"
+        if how:
+            return str(len(self.value)) if how == "#" else f"{100 * self.value:.0f} %"
         return f"{self.value:.3g}" if isinstance(self.value, float) else str(self.value or "no cause")
 
 
 @dataclass(frozen=True)
+class Ranked:
+    """A mapping by name that is drawn, the smallest first."""
+
+    key: str
+    unit: str
+    words: str | None = None  # What the smallest of them are, ``{}`` the name; None: they are drawn alone
+    interval: str | None = None  # Key of their intervals
+
+
+@dataclass(frozen=True)
 class Source:
-    """One part of the index: which file of metrics it shows, what makes it, and where its page lies."""
+    """One part of the index: which file of metrics it shows, what makes it, and where its pages lie."""
 
     title: str
     says: str
-    """What was done, in a sentence or two."""
-    metrics: str
-    """Path of the JSON file of its figures, below the folder ``metrics``."""
+    metrics: str  # Path of the JSON file of its figures, below the folder ``metrics``
     command: str
-    """Makes the figures again."""
     figures: Mapping[str, str] = field(default_factory=dict)
-    """Words → template of their value (``Shown``)."""
-    partial: bool = False
-    """Whether a file may lack some of the figures."""
-    cases: bool = False
-    """Whether its figures are verdicts on cases of real robots, by name."""
-    ranked: str | None = None
-    """Key of a mapping by name that is drawn, the smallest first."""
-    ranked_words: str | None = None
-    """What the smallest of them are, in words, ``{}`` the name; None: they are drawn alone."""
-    ranked_interval: str | None = None
-    """Key of their intervals."""
-    unit: str = ""
-    """Of what is drawn."""
+    """Words → template of their value (``Shown``); where its key begins with ``?``, a file may lack it."""
+    ranked: Ranked | None = None
     pages: Mapping[str, str] = field(default_factory=dict)
     """Files below ``data`` by what they are; those that do not exist are left out."""
-    report: str | None = None
-    """Folder of a diagnosis below ``data``, whose sentence is shown."""
-
-    @property
-    def published(self) -> bool:
-        """Whether it is of published jumps, which have a pipeline of their own."""
-        return self.metrics.startswith("published/")
+    report: str | None = None  # Folder of a diagnosis below ``data``, whose sentence is shown
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the index as it is shown."""
+    """A part of the index as it is shown: values by words, bars by name; ``absent`` where there are no figures."""
 
     source: Source
     figures: Mapping[str, str]
-    """Words → value."""
     bars: Mapping[str, float]
     sentence: str | None
     pages: Mapping[str, str]
     absent: bool
-    """Whether there are no figures."""
 
     @property
     def chart(self) -> str:
         """The bars as SVG; empty without any."""
-        return bar_chart(self.bars, self.source.unit) if self.bars else ""
+        return bar_chart(self.bars, self.source.ranked.unit) if self.bars and self.source.ranked else ""
 
 
-PLANNED = {"planned jumps": "{cost:#}", "largest constraint violation": "{max_violation}"}
 DIAGNOSED = {
     "verdict": "{verdict}: {answer}",
     "gap closed on logs not fitted on": "{closure_heldout:%}",
@@ -105,71 +88,62 @@ INJECTED = {
     "pairs of effects of which both are named": "{pairs_both_named:%}",
 }
 BLIND = {
-    "sealed cases": "{cases}",
-    "of detectable single causes, named first": "{named_first:%}",
-    "of them, in the named set": "{named_in_set:%}",
-    "of all cases, given a wrong name": "{wrongly_named:%}",
-    "of effects without a name, called unknown": "{unknown_recall:%}",
-    "of robots without a gap, left unnamed": "{none_correct:%}",
-    "of pairs, both named": "{pairs_both_named:%}",
-    "of the detectable members of triples, named": "{triples_members_named:%}",
-    "truths inside their 95 % intervals": "{coverage:%}",
+    "sealed cases": "?{cases}",
+    "of detectable single causes, named first": "?{named_first:%}",
+    "of them, in the named set": "?{named_in_set:%}",
+    "of all cases, given a wrong name": "?{wrongly_named:%}",
+    "of effects without a name, called unknown": "?{unknown_recall:%}",
+    "of robots without a gap, left unnamed": "?{none_correct:%}",
+    "of pairs, both named": "?{pairs_both_named:%}",
+    "of the detectable members of triples, named": "?{triples_members_named:%}",
+    "truths inside their 95 % intervals": "?{coverage:%}",
 }
 HOSTILE = {
-    name.replace("_", " "): f"{{{name}}}"
+    name.replace("_", " "): f"?{{{name}}}"
     for name in (
         *("inputs", "refused", "set_aside", "accepted_harmless", "accepted_nonsense", "traceback", "hang", "memory"),
         *("ticks", "nonfinite", "outside_limits", "exceptions", "kills", "partial_visible", "orphans", "bytes_differ"),
     )
 }
-LEARNED: dict[str, Any] = {
-    "figures": {"jumps": "{jumps}"},
-    "ranked": "cv_mse",
-    "ranked_words": "mean squared error of {}, 4-fold over jumps",
-    "unit": "mean squared error",
-}
-LANDED: dict[str, Any] = {
-    "ranked": "mean_abs_error_cm",
-    "ranked_words": "mean size of the landing error, {}",
-    "ranked_interval": "mean_abs_error_ci95_cm",
-    "unit": "cm",
-}
+PLANNED = {"planned jumps": "{cost:#}", "largest constraint violation": "{max_violation}"}
+CV_MSE = Ranked("cv_mse", "mean squared error", "mean squared error of {}, 4-fold over jumps")
+LANDED = Ranked("mean_abs_error_cm", "cm", "mean size of the landing error, {}", "mean_abs_error_ci95_cm")
 SOURCES = (
     Source(
         "References", "Jumps planned by full-body trajectory optimisation.", "references_own.json",
-        "dvc repro optimize@own", PLANNED, ranked="cost", unit="cost", pages={"page": "views/references.html"},
+        "dvc repro optimize@own", PLANNED, Ranked("cost", "cost"), {"page": "views/references.html"},
     ),
     Source(
         "Learned models, simulated jumps", "Residual models and their rivals predict jumps that they have not seen.",
-        "learning.json", "dvc repro evaluate@simulated", pages={"page": "predictions/simulated/report.html"}, **LEARNED,
+        "learning.json", "dvc repro evaluate@simulated", {"jumps": "{jumps}"}, CV_MSE,
+        {"page": "predictions/simulated/report.html"},
     ),
     Source(
         "Learned models, published jumps", "The same on the sixteen published jumps of the A1.",
-        "published/learning.json", "dvc repro published/dvc.yaml:evaluate",
-        pages={"page": "predictions/published/report.html"}, **LEARNED,
+        "published/learning.json", "dvc repro published/dvc.yaml:evaluate", {"jumps": "{jumps}"}, CV_MSE,
+        {"page": "predictions/published/report.html"},
     ),
     Source(
         "Landings", "Where each method lands, in closed loop on simulated hardware that no controller knows.",
-        "landing.json", "dvc repro land", pages={"page": "pages/landings/report.html"}, **LANDED,
+        "landing.json", "dvc repro land", {}, LANDED, {"page": "pages/landings/report.html"},
     ),
     Source(
         "Landings of all methods on all robots",
         "The same with every method, time grid and run that the tables of the documentation are of.",
-        "landing_full.json", "make full", pages={"page": "landings_full/report.html"}, **LANDED,
+        "landing_full.json", "make full", {}, LANDED, {"page": "landings_full/report.html"},
     ),
     Source(
         "Landings with the corrected robot", "Planning for the robot as it was diagnosed.", "landing_corrected.json",
-        "dvc repro land_corrected", pages={"page": "pages/landings_corrected/report.html"}, **LANDED,
+        "dvc repro land_corrected", {}, LANDED, {"page": "pages/landings_corrected/report.html"},
     ),
     Source(
         "Diagnosis of the published jumps", "What the A1's simulation lacks, by the jumps alone.",
-        "published/diagnosis.json", "dvc repro published/dvc.yaml:report", DIAGNOSED,
-        pages={"report": "reports/published/report.html"}, report="reports/published",
+        "published/diagnosis.json", "dvc repro published/dvc.yaml:report", DIAGNOSED, None,
+        {"report": "reports/published/report.html"}, "reports/published",
     ),
     Source(
         "Diagnosis of damped joints", "Simulated jumps with one hidden effect.", "damped/diagnosis.json",
-        "dvc repro report@damped", DIAGNOSED,
-        pages={"report": "reports/damped/report.html"}, report="reports/damped",
+        "dvc repro report@damped", DIAGNOSED, None, {"report": "reports/damped/report.html"}, "reports/damped",
     ),
     Source(
         "Injected effects", "Every effect of the table, injected at several sizes, alone and in pairs.",
@@ -178,24 +152,26 @@ SOURCES = (
     Source(
         "Blind check",
         "Robots whose cause was sealed before they were judged, of another simulation than the diagnosing one.",
-        "blind.json", "make blind", BLIND, partial=True,
-        pages={"page of the full check": "blind/page/index.html", "page of a small one": "withheld/page/index.html"},
+        "blind.json", "make blind", BLIND, None,
+        {"page of the full check": "blind/page/index.html", "page of a small one": "withheld/page/index.html"},
     ),
     Source(
         "Real robots", "Logs of real robots whose answers others published; the rule was written before the run.",
-        "real/robots.json", "make robots", cases=True,
+        "real/robots.json", "make robots",
     ),
     Source(
         "Hostile inputs and kills", "Broken files, absurd values, impossible ticks, processes that are killed.",
-        "hostile.json", "make hostile", HOSTILE, partial=True,
+        "hostile.json", "make hostile", HOSTILE,
     ),
 )  # fmt: skip
 """Parts of the index in the order in which things flow."""
 
 
 def sections(root: Path, published: bool | None = None) -> list[Section]:
-    """Parts of the index of the project in ``root``: of published jumps, of all else, or, where it is None, of both."""
-    return [section(source, root) for source in SOURCES if published in (None, source.published)]
+    """Parts of the index of the project in ``root``: of published jumps, which have a pipeline of their own, of all
+    else, or, where it is None, of both."""
+    kept = [one for one in SOURCES if published in (None, one.metrics.startswith("published/"))]
+    return [section(source, root) for source in kept]
 
 
 def section(source: Source, root: Path) -> Section:
@@ -210,35 +186,30 @@ def section(source: Source, root: Path) -> Section:
 
 def read_figures(source: Source, path: Path) -> tuple[dict[str, str], dict[str, float]]:
     """Figures and bars of a file of metrics; ``InputError`` for one that has not the form that its command writes."""
-    metrics = read_json(path)
+    metrics, ranked = read_json(path), source.ranked
     shown = {name: Shown(value) for name, value in metrics.items()}
     figures: dict[str, str] = {}
     bars: dict[str, float] = {}
     try:
         for words, template in source.figures.items():
-            if not source.partial or template.strip("{}").partition(":")[0] in metrics:
-                figures[words] = template.format_map(shown)
-        if source.ranked:
-            ranked = sorted(metrics[source.ranked].items(), key=lambda item: float(item[1]))
-            bars = {name: float(value) for name, value in ranked[:MOST_BARS]}
-        for name, value in list(bars.items())[:MOST_RANKED] if source.ranked_words else ():
-            ends = metrics[source.ranked_interval][name] if source.ranked_interval else None
-            interval = f" ({ends[0]:.3g} to {ends[1]:.3g})" if ends else ""
-            unit = "" if source.unit in str(source.ranked_words) else f" {source.unit}"
-            figures[str(source.ranked_words).format(name)] = f"{value:.3g}{unit}{interval}"
-        for name, case in metrics["cases"].items() if source.cases else ():
-            figures[name.replace("_", " ")] = of_robot(case)
+            if not template.startswith("?") or template.strip("?{}").partition(":")[0] in metrics:
+                figures[words] = template.lstrip("?").format_map(shown)
+        if ranked:
+            by_size = sorted(metrics[ranked.key].items(), key=lambda item: float(item[1]))
+            bars = {name: float(value) for name, value in by_size[:MOST_BARS]}
+            for name, value in list(bars.items())[:MOST_RANKED] if ranked.words else ():
+                ends = metrics[ranked.interval][name] if ranked.interval else None
+                interval = f" ({ends[0]:.3g} to {ends[1]:.3g})" if ends else ""
+                unit = "" if ranked.unit in str(ranked.words) else f" {ranked.unit}"
+                figures[str(ranked.words).format(name)] = f"{value:.3g}{unit}{interval}"
+        for name, case in metrics["cases"].items() if source.metrics == "real/robots.json" else ():
+            answer = " + ".join(" or ".join(names) for names in case["answer"]) or "no cause"
+            judged = f"{'right' if case['right'] else 'not right'}; published: {case['published']}"
+            figures[name.replace("_", " ")] = f"{case['verdict']}: {answer} ({judged})"
         return figures, bars
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         says = f"other figures than {source.title!r} has ({type(error).__name__}: {error})"
         raise InputError(path, says, "what its command writes", f"make it again: {source.command}") from None
-
-
-def of_robot(case: Mapping[str, Any]) -> str:
-    """Verdict on the logs of a real robot, beside the published answer."""
-    answer = " + ".join(" or ".join(names) for names in case["answer"]) or "no cause"
-    right = "right" if case["right"] else "not right"
-    return f"{case['verdict']}: {answer} ({right}; published: {case['published']})"
 
 
 def html(parts: Sequence[Section]) -> str:

@@ -10,10 +10,9 @@ import pyarrow as pa
 import pyarrow.csv
 
 from leapgap.errors import InputError
-from leapgap.logs.files import decoding
+from leapgap.logs.files import Bounded, decoding
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size, stacked
-from leapgap.logs.unpacking import Bounded
 
 CHUNK_BYTES = 1 << 20
 PACKED = ("gz", "bz2", "zst", "lz4")
@@ -50,7 +49,13 @@ class Csv(TableFormat):
 def text_columns(path: Path, options: CsvOptions, wanted: Wanted) -> dict[str, np.ndarray]:
     """Columns of a text table, (rows,), or (rows, n) where each cell is a list of n numbers, as in ``[0.1, 0.2]``."""
     with opened(path) as file:
-        check_lines(file, path, options)
+        # Check the size of a file by its lines and the cells of its widest one among the first, before it is read
+        head = file.read(CHUNK_BYTES)
+        cells = max(line.count(options.delimiter.encode()) + 1 for line in head.split(b"\n"))
+        lines = head.count(b"\n")
+        while chunk := file.read(CHUNK_BYTES):
+            lines += chunk.count(b"\n")
+        check_size(path, lines * cells, lines - options.skip_rows - options.header, options.most_rows)
     read = pa.csv.ReadOptions(skip_rows=options.skip_rows, autogenerate_column_names=not options.header)
     if options.header and options.delimiter == " " and (marked := names_behind_mark(path, options.skip_rows)):
         read = pa.csv.ReadOptions(skip_rows=options.skip_rows + 1, column_names=marked)
@@ -96,13 +101,3 @@ def opened(path: Path) -> BinaryIO:
     """The text of a file; a packed one (``.csv.gz``) is unpacked as it is read, up to a limit."""
     file = pa.input_stream(str(path), compression="detect")
     return cast(BinaryIO, Bounded(file, path) if isinstance(file, pa.CompressedInputStream) else file)
-
-
-def check_lines(file: BinaryIO, path: Path, options: CsvOptions) -> None:
-    """Check the size of a file by its lines and the cells of its widest one among the first, before it is read."""
-    head = file.read(CHUNK_BYTES)
-    cells = max(line.count(options.delimiter.encode()) + 1 for line in head.split(b"\n"))
-    lines = head.count(b"\n")
-    while chunk := file.read(CHUNK_BYTES):
-        lines += chunk.count(b"\n")
-    check_size(path, lines * cells, lines - options.skip_rows - options.header, options.most_rows)

@@ -1,8 +1,10 @@
 """Importer of Parquet files of any origin; lists of fixed length are arrays, structures are joined by dots."""
 
+import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pyarrow as pa
@@ -10,11 +12,11 @@ import pyarrow.compute
 import pyarrow.parquet as pq
 
 from leapgap.errors import InputError
-from leapgap.logs.files import decoding
-from leapgap.logs.importers.table_format import TableFormat
-from leapgap.logs.importers.tables import Arrays, Wanted, check_size
+from leapgap.logs.files import check_pages, decoding
+from leapgap.logs.importers.table_format import TableFormat, TableOptions
+from leapgap.logs.importers.tables import Arrays, Table, Wanted, check_size
 from leapgap.logs.log import METADATA_KEY
-from leapgap.logs.parquet_pages import check_pages
+from leapgap.runtime.atomic_io import read_json
 
 
 class Parquet(TableFormat):
@@ -87,3 +89,133 @@ def cells(column: pa.ChunkedArray, where: str) -> np.ndarray:
         raise InputError(f"{where}, row {row}", f"{lengths[row]} items", f"{lengths[0]}, as in row 0", "repair it")
     items = cells(flat, where)
     return items.reshape(len(whole), int(lengths[0]) if len(lengths) else 0, *items.shape[1:])
+
+
+INFO, EPISODE = "meta/info.json", "episode_index"
+VERSIONS = ("v2", "v3")
+POSITION, GRIPPER = ".pos", "gripper"
+"""End of the names of positions, and of the joint whose range goes from 0 to 100."""
+TICKS = 4095
+"""What LeRobot divides a turn into where it turns ticks of a motor into degrees."""
+NORMALISED = re.compile(r"so_?10[01]|koch|lekiwi|omx|hope_?jr")
+"""Types of robots that LeRobot records as shares of their range unless told otherwise."""
+
+
+@dataclass(frozen=True)
+class LeRobotOptions(TableOptions):
+    """Options of LeRobot datasets. Without a map of its own, ``time`` is their ``timestamp``."""
+
+    cut_by: str | None = EPISODE
+    """The column that cuts the dataset into logs."""
+    calibration: str | None = None
+    """LeRobot's calibration file of the robot, JSON, where positions are shares of each joint's range: they then come
+    in degrees from the middle of that range, those of a gripper from its closed end."""
+
+
+class LeRobot(TableFormat):
+    """A dataset folder: ``meta/info.json`` beside ``data/``; videos are not read."""
+
+    name = "lerobot"
+    suffixes = (".parquet",)
+    holds = "LeRobot dataset"
+    Options = LeRobotOptions
+    columns: ClassVar[Mapping[str, str]] = {"time": "timestamp"}
+
+    def find(self, source: Path) -> dict[str, Path]:
+        """The dataset that a folder is, or the datasets in it."""
+        return self.folders(source, INFO)
+
+    def first_log(self, table: Table) -> Table:
+        """The first episode: the time begins anew with each."""
+        episode = table.arrays.get(EPISODE)
+        if episode is None or not len(episode):
+            return table
+        return Table(table.path, {name: array[episode == episode[0]] for name, array in table.arrays.items()})
+
+    def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:
+        """Columns of all files of the dataset; those of a vector are also there by the names in ``info.json``."""
+        features, files = features_of(path), sorted((path / "data").rglob("*.parquet"))
+        if not files:
+            raise InputError(path, "no data/**/*.parquet", "the files of a dataset", "copy it whole")
+
+        def needed(name: str) -> bool:
+            return wanted(name) or any(wanted(f"{name}.{part}") for part in features.get(name, ()))
+
+        parts, taken = [], 0
+        for file in files:
+            parts.append(parquet_arrays(file, needed))
+            taken += sum(array.size for array in parts[-1].values())
+            check_size(path, taken)
+        arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        for name in [name for name in arrays if name in features]:
+            parts_of = arrays[name].reshape(len(arrays[name]), -1).T  # a vector of one is stored as numbers
+            named = zip(features[name], parts_of, strict=False)
+            arrays |= {f"{name}.{part}": values for part, values in named if wanted(f"{name}.{part}")}
+        if options is not None and options.calibration is not None:
+            ranges = calibration_of(Path(options.calibration))
+            arrays |= {name: in_degrees(name, values, ranges) for name, values in arrays.items() if is_position(name)}
+        return arrays
+
+    def stated(self, path: Path, options: LeRobotOptions) -> Mapping[str, Any]:
+        """The rate of the rows, and whether positions may be shares of a range."""
+        info = info_of(path)
+        of_joints = any(map(is_position, (name for names in features_of(path).values() for name in names)))
+        fps, shares = info.get("fps"), of_joints and NORMALISED.search(str(info.get("robot_type")).lower())
+        found: dict[str, Any] = {"period_s": 1 / fps} if isinstance(fps, int | float) and 0 < fps < 1e5 else {}
+        return found | {"unit": "deg" if options.calibration else "normalised" if shares else None}
+
+
+def features_of(path: Path) -> dict[str, list[str]]:
+    """Names of the components of each vector, from ``meta/info.json``."""
+    info = info_of(path)
+    try:
+        features = {name: component_names(one.get("names")) for name, one in info["features"].items()}
+    except (KeyError, TypeError, AttributeError) as error:
+        raise InputError(path / INFO, f"no readable info ({error!r})", "that of a dataset", "copy it whole") from None
+    return {name: names for name, names in features.items() if names}
+
+
+def info_of(path: Path) -> Mapping[str, Any]:
+    """``meta/info.json`` of a dataset; ``InputError`` for other versions."""
+    info = read_json(path / INFO)
+    version = str(info.get("codebase_version"))
+    if not version.startswith(VERSIONS):
+        do = "convert it with LeRobot's own converter"
+        raise InputError(path / INFO, f"version {version}", "version 2 or 3 of the format", do)
+    return info
+
+
+def calibration_of(path: Path) -> Mapping[str, tuple[float, bool]]:
+    """Joint → its range, degrees, and whether the drive counts backwards, from LeRobot's calibration file."""
+    stated = read_json(path)
+    try:
+        return {
+            str(joint): ((one["range_max"] - one["range_min"]) * 360 / TICKS, bool(one.get("drive_mode")))
+            for joint, one in stated.items()
+        }
+    except (KeyError, TypeError, AttributeError) as error:
+        expected = "LeRobot's calibration: range_min and range_max of each joint"
+        raise InputError(path, f"no readable calibration ({error!r})", expected, "name that file") from None
+
+
+def is_position(name: str) -> bool:
+    """Whether a column is the position of one joint, measured or set."""
+    return name.endswith(POSITION)
+
+
+def in_degrees(name: str, values: np.ndarray, ranges: Mapping[str, tuple[float, bool]]) -> np.ndarray:
+    """Shares of a joint's range as degrees from its middle; of a gripper, 0 to 100, from its closed end."""
+    joint = name.removesuffix(POSITION).rpartition(".")[2]
+    if joint not in ranges:
+        raise InputError(name, f"no calibration of {joint}", ", ".join(ranges), "name the calibration of this robot")
+    width, backwards = ranges[joint]
+    if joint.endswith(GRIPPER):
+        return width * (100 - values if backwards else values) / 100
+    return width * (-values if backwards else values) / 200
+
+
+def component_names(names: Any) -> list[str]:
+    """Names of components as a flat list; some datasets keep them below a word such as ``motors``."""
+    if isinstance(names, dict):
+        names = next(iter(names.values()), None)
+    return [str(name) for name in names] if isinstance(names, list) else []

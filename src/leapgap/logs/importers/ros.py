@@ -18,12 +18,12 @@ import numpy as np
 
 from leapgap.errors import InputError, needs
 from leapgap.logs.clock import held_at, increasing_rows, interpolated_at
+from leapgap.logs.cutting import HELD
+from leapgap.logs.files import MOST_UNPACKED, Bounded, Unpacker, unpack
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size
-from leapgap.logs.resampling import HELD
-from leapgap.logs.unpacking import MOST_UNPACKED, Bounded, Unpacker, unpack
-from leapgap.runtime.plain_yaml import MOST_BYTES, from_yaml
-from leapgap.runtime.plain_yaml import check_size as check_values
+from leapgap.runtime.typed_values import MOST_BYTES, from_yaml
+from leapgap.runtime.typed_values import check_size as check_values
 
 RECEIVED, STAMPED = "received", "stamped"
 TIME = "time"
@@ -101,7 +101,12 @@ def read_topics(path: Path, options: RosOptions, wanted: Wanted) -> dict[str, To
     times: dict[str, list[int]] = defaultdict(list)
     rows: dict[str, list[list[Any]]] = defaultdict(list)
     getters: dict[str, dict[str, Getter]] = {}
-    check_recording(path)
+    # Refuse a description of a recording that is too large, names of YAML written out
+    about = path / METADATA
+    if about.is_file():
+        if about.stat().st_size > MOST_BYTES:
+            raise InputError(about, f"{about.stat().st_size} bytes", f"{MOST_BYTES} at most", "copy it again")
+        check_values(from_yaml(about.read_text(encoding="utf-8")))
     with bounded_unpacking(path), AnyReader([path], default_typestore=types_of(options)) as reader:
         counts = {name: info.msgcount for name, info in reader.topics.items()}
         mapped = [one for one in reader.connections if may_be_mapped(one.topic, options)]
@@ -119,15 +124,6 @@ def read_topics(path: Path, options: RosOptions, wanted: Wanted) -> dict[str, To
             rows[topic].append(values_of(message, getters[topic], f"{path}, {topic}, message {len(rows[topic])}"))
     first = min((min(stamps) for stamps in times.values()), default=0)
     return {topic: in_order(times[topic], first, rows[topic], list(getters[topic])) for topic in times}
-
-
-def check_recording(path: Path) -> None:
-    """``InputError`` for a description of a recording that is too large, names of YAML written out."""
-    about = path / METADATA
-    if about.is_file():
-        if about.stat().st_size > MOST_BYTES:
-            raise InputError(about, f"{about.stat().st_size} bytes", f"{MOST_BYTES} at most", "copy it again")
-        check_values(from_yaml(about.read_text(encoding="utf-8")))
 
 
 def check_tables(path: Path) -> None:

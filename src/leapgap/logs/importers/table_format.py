@@ -12,17 +12,16 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.logs.clock import check_period, increasing_rows, mean_period
+from leapgap.logs.cutting import on_even_clock
 from leapgap.logs.derivatives import add_velocities
 from leapgap.logs.files import decoding
 from leapgap.logs.importers.base import LogFormat
 from leapgap.logs.importers.column_map import ColumnMap, Expansion, column_order, is_ours, mapped, tied
 from leapgap.logs.importers.tables import Arrays, Table, Wanted, check_size
 from leapgap.logs.log import Log, LogInfo
-from leapgap.logs.metadata import LONGEST_PERIOD_S
-from leapgap.logs.resampling import on_even_clock
-from leapgap.logs.segments import PHASE_LENGTHS, Segment
+from leapgap.logs.metadata import LONGEST_PERIOD_S, PHASE_LENGTHS, Segment
 from leapgap.robot.model import Robot
-from leapgap.robot.stated_servos import servo_gains
+from leapgap.robot.stated_joints import servo_gains
 
 REFUSE, DROP = "refuse", "drop"
 LEAVE_OUT, FIT = "leave_out", "fit"
@@ -123,7 +122,12 @@ class TableFormat(LogFormat):
             columns, units = {**self.columns, **options.columns}, {**self.units, **options.units}
             options = replace(options, columns=columns, units=units)
         check_options(options, where)
-        table = self.table(path, options, needed(options, robot, where))
+        # Which arrays of a file are read: those that are mapped, those that cut it, and those with our own names
+        maps = [Expansion(options, robot, where, first=first).columns() for first in (0, 1)]
+        mapped_columns = {column for one in maps for terms in one.values() for column in terms}
+        names = mapped_columns | set(options.drop_rows) | {name for name in (options.cut_by, options.steps) if name}
+        names |= {name.rpartition("[")[0] for name in names if name.endswith("]")}
+        table = self.table(path, options, (lambda name: name in names or is_ours(name, robot)))
         if options.steps is not None:
             table = with_summed_steps(table, options.steps, f"{where}.steps")
         columns = mapped(table, options, robot, where)
@@ -231,15 +235,6 @@ def is_file_name(name: str) -> bool:
     """Whether a file can have that name with an ending, in any folder of any system."""
     plain = name.isprintable() and not set(name) & set('/\\:*?"<>|') and name.strip(". ") != ""
     return plain and len(name.encode()) <= LONGEST_NAME
-
-
-def needed(options: TableOptions, robot: Robot, where: str) -> Wanted:
-    """Which arrays of a file are read: those that are mapped, those that cut it, and those with our own names."""
-    maps = [Expansion(options, robot, where, first=first).columns() for first in (0, 1)]
-    mapped_columns = {column for one in maps for terms in one.values() for column in terms}
-    names = mapped_columns | set(options.drop_rows) | {name for name in (options.cut_by, options.steps) if name}
-    names |= {name.rpartition("[")[0] for name in names if name.endswith("]")}
-    return lambda name: name in names or is_ours(name, robot)
 
 
 def cuts(

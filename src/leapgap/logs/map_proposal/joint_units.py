@@ -1,13 +1,17 @@
 """Units, signs and order of the joints' columns, by physics."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from leapgap.logs.importers.units import UNITS
-from leapgap.logs.map_proposal.names import words
-from leapgap.logs.map_proposal.physics import (
+from leapgap.logs.importers.column_map import UNITS
+from leapgap.logs.map_proposal.evidence import (
+    ABSENT,
+    ASKED,
+    GUESSED,
+    MISSING,
+    SURE,
+    Evidence,
     Match,
+    Proposal,
     factors,
     match,
     mean_rates,
@@ -16,7 +20,7 @@ from leapgap.logs.map_proposal.physics import (
     shifted,
     usable_rows,
 )
-from leapgap.logs.map_proposal.proposal import ABSENT, ASKED, GUESSED, MISSING, SURE, Evidence, Proposal
+from leapgap.logs.map_proposal.joint_columns import words
 from leapgap.logs.map_proposal.unit_readings import (
     CLOSE,
     DISTINCT,
@@ -74,11 +78,14 @@ def judge_units(evidence: Evidence, proposal: Proposal) -> UnitReading | None:
         return None
     order_velocities(evidence, proposal)
     numbers = numbers_of(evidence)
+    # Units that the names of the columns of positions speak of
+    said = {word for joint in evidence.robot.joints for word in words(their_column("joint_pos", joint, proposal))}
+    stated = {str(evidence.stated.get("unit"))} & set(UNIT_WORDS.values())
     found = readings(
         numbers,
         evidence.robot,
         evidence.time_units,
-        units_in_names(evidence, proposal),
+        sorted({UNIT_WORDS[word] for word in said & UNIT_WORDS.keys()} | stated),
         "joint_pos" not in evidence.named,
     )
     if not found:
@@ -148,13 +155,6 @@ def ask_for_calibration(evidence: Evidence, proposal: Proposal) -> None:
         if quantity in evidence.values:
             proposal.put("units", f"{quantity}/*", ASKED)
     evidence.position_unit = ASKED
-
-
-def units_in_names(evidence: Evidence, proposal: Proposal) -> Sequence[str]:
-    """Units that the names of the columns of positions speak of."""
-    said = {word for joint in evidence.robot.joints for word in words(their_column("joint_pos", joint, proposal))}
-    stated = {str(evidence.stated.get("unit"))} & set(UNIT_WORDS.values())
-    return sorted({UNIT_WORDS[word] for word in said & UNIT_WORDS.keys()} | stated)
 
 
 def order_velocities(evidence: Evidence, proposal: Proposal) -> None:

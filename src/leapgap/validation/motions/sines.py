@@ -31,29 +31,21 @@ class SumOfSines(PlannedMotion):
         wave = (size * np.sin(angle + phase)).sum(axis=1)
         wave *= np.broadcast_to(self.swing, joints) / np.abs(wave).max(axis=0)
         position = pose + rise(time, self.onset_s)[:, None] * wave
-        check_ranges(position, robot)
-        return PlannedCommands(position, gravity_torques(position, robot))
-
-
-def check_ranges(position: np.ndarray, robot: Robot) -> None:
-    """Raise ``InputError`` where planned joint positions (rows, joints) leave the range of a joint."""
-    for i, joint in enumerate(robot.joints):
-        number = robot.model.joint(joint).id
-        low, high = robot.model.jnt_range[number]
-        if robot.model.jnt_limited[number] and not (low <= position[:, i].min() and position[:, i].max() <= high):
-            found = f"{joint} from {position[:, i].min():.3g} to {position[:, i].max():.3g}"
-            raise InputError("motion.swing", found, f"within {low:.3g} and {high:.3g}", "make it smaller")
-
-
-def gravity_torques(position: np.ndarray, robot: Robot) -> np.ndarray:
-    """Torques that hold a robot of a fixed base at joint positions (rows, joints), N·m, (rows, joints)."""
-    model, data = robot.model, mujoco.MjData(robot.model)
-    torque = np.empty_like(position)
-    for row, angles in enumerate(position):
-        data.qpos[robot.joint_qpos] = angles
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_comVel(model, data)
-        mujoco.mj_rne(model, data, 0, data.qfrc_bias)
-        torque[row] = data.qfrc_bias[robot.joint_dofs]
-    return torque
+        # Refuse it where planned joint positions (rows, joints) leave the range of a joint
+        for i, joint in enumerate(robot.joints):
+            number = robot.model.joint(joint).id
+            low, high = robot.model.jnt_range[number]
+            if robot.model.jnt_limited[number] and not (low <= position[:, i].min() and position[:, i].max() <= high):
+                found = f"{joint} from {position[:, i].min():.3g} to {position[:, i].max():.3g}"
+                raise InputError("motion.swing", found, f"within {low:.3g} and {high:.3g}", "make it smaller")
+        # Torques that hold a robot of a fixed base at joint positions (rows, joints), N·m, (rows, joints)
+        model, data = robot.model, mujoco.MjData(robot.model)
+        torque = np.empty_like(position)
+        for row, angles in enumerate(position):
+            data.qpos[robot.joint_qpos] = angles
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_comVel(model, data)
+            mujoco.mj_rne(model, data, 0, data.qfrc_bias)
+            torque[row] = data.qfrc_bias[robot.joint_dofs]
+        return PlannedCommands(position, torque)

@@ -5,7 +5,7 @@ from functools import cache
 
 from leapgap.errors import InputError
 from leapgap.registry import classes_by_name
-from leapgap.simulation.off_table import BentCalf
+from leapgap.simulation.presets import BentCalf
 from leapgap.validation.off_table.base import OffTableEffect
 
 ENTRY_POINTS = "leapgap.off_table_effects"

@@ -1,4 +1,4 @@
-"""Off-table effects of motors and gears: backlash, cogging, a dead band."""
+"""Off-table effects of motors, drives and what carries them; the bent calf is in ``leapgap.simulation.presets``."""
 
 from dataclasses import dataclass
 
@@ -9,6 +9,57 @@ from leapgap.effects.base import parameter
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.validation.off_table.base import OffTableEffect, Process
+
+
+@dataclass(frozen=True)
+class Crosstalk(OffTableEffect):
+    """Current sensors that also feel the neighbour on their board: a joint gets a share of the next motor's torque.
+
+    Next in the leg, from the body outwards; the last joint's neighbour is the first one.
+    """
+
+    name = "crosstalk"
+    places = "joints"
+
+    share: float = parameter(0.0, "1", 0.0, 0.5)
+
+    def process(self, model: mujoco.MjModel, robot: Robot, jump: Log) -> Process | None:
+        """Add to each joint at the location what its neighbour's motor delivered in the last step."""
+        at = robot.joints_at(self.location)
+        dofs, neighbours = robot.joint_dofs[at], robot.joint_actuators[[neighbour(robot, int(joint)) for joint in at]]
+
+        def leak(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+            data.qfrc_applied[dofs] += self.share * np.asarray(data.actuator_force[neighbours])
+
+        return leak
+
+
+def neighbour(robot: Robot, joint: int) -> int:
+    """Index of the joint that is next to a joint (index) in its limb."""
+    for members in robot.topology.limbs.values():
+        if robot.joints[joint] in members:
+            return robot.joints.index(members[(members.index(robot.joints[joint]) + 1) % len(members)])
+    return joint
+
+
+@dataclass(frozen=True)
+class CableSpring(OffTableEffect):
+    """Stiff cables across the joints: a spring about the joint angles of the crouch."""
+
+    name = "cable_spring"
+    places = "joints"
+
+    stiffness_nm_rad: float = parameter(0.0, "N·m/rad", 0.0, 30.0)
+
+    def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
+        """Set stiffness and rest angle of the joints."""
+        for dof in robot.joint_dofs[robot.joints_at(self.location)]:
+            joint = int(model.dof_jntid[dof])
+            address = int(model.jnt_qposadr[joint])
+            model.jnt_stiffness[joint] = self.stiffness_nm_rad
+            if model.nkey:
+                model.qpos_spring[address] = robot.model.key_qpos[0, address]
+
 
 COGS = 40
 """Cogging periods per turn of the joint: 36 rotor slots behind the gear would give more, the planet gears fewer."""

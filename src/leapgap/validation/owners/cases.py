@@ -178,23 +178,19 @@ def logged(
         columns |= {f"cmd_vel/{joint}": sent_speed[:, j], f"cmd_tau/{joint}": np.zeros(rows)}
         columns |= {f"cmd_kp/{joint}": np.full(rows, robot.kp[j]), f"cmd_kd/{joint}": np.full(rows, robot.kd[j])}
     if robot.walks:
-        columns |= base_columns(run, rng)
+        # Columns of a floating base, with noise
+        rows = len(run.qpos)
+        noise = {part: size * rng.standard_normal((rows, 3)) for part, size in BASE_NOISE.items()}
+        attitude = run.qpos[:, 3:7].copy()
+        for row in range(rows):
+            mujoco.mju_quatIntegrate(attitude[row], noise["base_quat"][row], 1.0)
+        found = {f"base_quat_{axis}": attitude[:, i] for i, axis in enumerate("wxyz")}
+        parts = {"base_pos": run.qpos[:, :3], "base_linvel": run.qvel[:, :3], "base_angvel": run.qvel[:, 3:6]}
+        for part, values in parts.items():
+            found |= {f"{part}_{axis}": (values + noise[part])[:, i] for i, axis in enumerate("xyz")}
+        columns |= found
     columns = {key: np.ascontiguousarray(values) for key, values in columns.items()}
     return Log(name, columns, LogInfo(robot.model, robot.period_s, "an owner's robot"))
-
-
-def base_columns(run: Run, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Columns of a floating base, with noise."""
-    rows = len(run.qpos)
-    noise = {name: size * rng.standard_normal((rows, 3)) for name, size in BASE_NOISE.items()}
-    attitude = run.qpos[:, 3:7].copy()
-    for row in range(rows):
-        mujoco.mju_quatIntegrate(attitude[row], noise["base_quat"][row], 1.0)
-    found = {f"base_quat_{axis}": attitude[:, i] for i, axis in enumerate("wxyz")}
-    parts = {"base_pos": run.qpos[:, :3], "base_linvel": run.qvel[:, :3], "base_angvel": run.qvel[:, 3:6]}
-    for name, values in parts.items():
-        found |= {f"{name}_{axis}": (values + noise[name])[:, i] for i, axis in enumerate("xyz")}
-    return found
 
 
 def rounded(values: np.ndarray, tick: float) -> np.ndarray:

@@ -52,25 +52,22 @@ class OwnersRobot:
         began = np.clip(time / RISE_S, 0, 1)
         growth = began**3 * (10 - 15 * began + 6 * began**2)  # without a jump of the acceleration
         if self.walks:
-            return pose + growth[:, None] * self._trot(time, rng)
+            # Turns of hip, thigh and calf of the legs FL, FR, RL and RR, (rows, 12): diagonals lift in turn
+            lift, stride = np.array(self.swing_rad) * rng.uniform(0.8, 1.2, 2)
+            cycles = self.fastest_hz * rng.uniform(0.85, 1) * time
+            turns = np.zeros((len(time), 4, 3))
+            for leg, half in enumerate((0.0, 0.5, 0.5, 0.0)):
+                phase = (cycles + half) % 1
+                raised = np.sin(np.pi * np.clip((phase - 0.6) / 0.4, 0, 1)) ** 2
+                swept = np.where(phase < 0.6, 1 - phase / 0.3, -np.cos(np.pi * (phase - 0.6) / 0.4))
+                turns[:, leg, 1], turns[:, leg, 2] = lift * raised - stride * swept, -2 * lift * raised
+            return pose + growth[:, None] * turns.reshape(len(time), 12)
         sines = np.zeros((len(time), len(pose)))
         for of_fastest, size in ((0.15, 0.5), (0.4, 0.3), (1.0, 0.2)):
             frequency = 2 * np.pi * self.fastest_hz * of_fastest * rng.uniform(0.8, 1, len(pose))
             amplitude = size * rng.uniform(0.3, 1, len(pose)) * np.array(self.swing_rad)
             sines += amplitude * np.sin(frequency * time[:, None] + rng.uniform(0, 2 * np.pi, len(pose)))
         return pose + growth[:, None] * sines
-
-    def _trot(self, time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Turns of hip, thigh and calf of the legs FL, FR, RL and RR, (rows, 12): diagonals lift in turn."""
-        lift, stride = np.array(self.swing_rad) * rng.uniform(0.8, 1.2, 2)
-        cycles = self.fastest_hz * rng.uniform(0.85, 1) * time
-        turns = np.zeros((len(time), 4, 3))
-        for leg, half in enumerate((0.0, 0.5, 0.5, 0.0)):
-            phase = (cycles + half) % 1
-            raised = np.sin(np.pi * np.clip((phase - 0.6) / 0.4, 0, 1)) ** 2
-            swept = np.where(phase < 0.6, 1 - phase / 0.3, -np.cos(np.pi * (phase - 0.6) / 0.4))
-            turns[:, leg, 1], turns[:, leg, 2] = lift * raised - stride * swept, -2 * lift * raised
-        return turns.reshape(len(time), 12)
 
 
 def ur5e(period_s: float) -> OwnersRobot:

@@ -8,35 +8,92 @@ from typing import Any
 import numpy as np
 
 from leapgap.effects import to_config
-from leapgap.jumping.control.deviation_recorder import Observation
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
-from leapgap.jumping.control.shift_horizon import ShiftGrid
-from leapgap.jumping.experiments.bench import Bench
-from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
-from leapgap.jumping.experiments.held_shifts import HeldShiftsConfig, measure_held_shifts
-from leapgap.jumping.experiments.landing_feedback import (
+from leapgap.jumping.control.shifted_plan import GOAL_AXES, Observation, ShiftGrid
+from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner, LandingModel, best_goal, target_pose
+from leapgap.jumping.experiments.goal_shift_jump import (
     Authority,
     FeedbackConfig,
+    GoalShiftMethod,
+    HeldShifts,
     KickedJumps,
     LandingFeedback,
     learn_calm,
     learn_change,
 )
-from leapgap.jumping.experiments.landing_model import LandingModel
-from leapgap.jumping.experiments.method import Method
-from leapgap.jumping.experiments.methods.aiming import AimingMethod
-from leapgap.jumping.experiments.methods.base import MethodSettings
-from leapgap.jumping.experiments.methods.goal_shift import GoalShiftMethod
-from leapgap.jumping.experiments.rig import Rig
+from leapgap.jumping.experiments.identification import CONTACT_PARAMETERS
+from leapgap.jumping.experiments.method import AimingMethod, JumpTask, Method
+from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig
 from leapgap.jumping.experiments.simulated_shifts import ShiftSimulator, SimulatedShiftsConfig
 from leapgap.jumping.experiments.training_jumps import (
     DATA_SHEET,
     SHARED,
     PracticeResult,
-    identify_contact_effects,
+    identify_on,
     run_practice,
 )
+from leapgap.jumping.experiments.trial import TrialSpec
 from leapgap.jumping.models.planar import planar_robot
+
+
+@dataclass(frozen=True)
+class HeldShiftsConfig:
+    """Which shifts are held; one jump each, and one without a shift for each distance."""
+
+    distances_m: tuple[float, ...] = (0.45, 0.55, 0.65)
+    """Distances of the targets, rising; on flat ground. What a late shift does may turn within 5 cm of distance."""
+    last_updates: int = 4
+    """Number of updates, the last ones at which a shift may change. Before them the simulation is right."""
+    shift: tuple[float, float, float] = (0.03, 0.0, 0.06)
+    """Shift along each axis, m, m, rad; 0: none is held along it. Its sign changes from update to update."""
+    error: float = 0.15  # Standard deviation of a measured effect, m/m and the like: noise and scatter of two landings
+
+
+def measure_held_shifts(
+    bench: Bench, method: GoalShiftMethod, landing: LandingModel, grid: ShiftGrid, config: HeldShiftsConfig, folder: str
+) -> HeldShifts:
+    """Make the jumps, and compare their landings with those without a shift; those that fall are left out.
+
+    ``method`` has no model, and ``landing`` chooses its goals. ``folder`` is that of the method's practice.
+    """
+    last = range(max(grid.free_updates - config.last_updates, 0), grid.free_updates)
+    held = [(update, axis) for update in last for axis in range(GOAL_AXES) if config.shift[axis]]
+    # Both signs in turn, so that the mean effect of both sides counts.
+    steps = np.array([(1.0 if update % 2 else -1.0) * config.shift[axis] for update, axis in held])
+    shifts = np.zeros((len(held) + 1, grid.updates, GOAL_AXES))  # the first jump is not shifted
+    for shift, (update, axis), step in zip(shifts[1:], held, steps, strict=True):
+        shift[update:, axis] = step
+    rng = np.random.default_rng([bench.seed, 17])
+    goals, effects = [], []
+    for x_m in sorted(config.distances_m):
+        task = JumpTask("held", x_m)
+        offset = best_goal(landing, task.target, 0.0) - target_pose(task.target)
+        aimed = replace(method, references={task.target: bench.level}, goal_offset=offset)
+        trials = [
+            TrialSpec(
+                f"{bench.hardware}/{folder}/held_{round(1000 * x_m)}_{number:02d}",
+                task,
+                replace(aimed, exploration=shift),
+                bench.level,
+                bench.effects,
+                bench.world,
+                int(rng.integers(2**31)),
+            )
+            for number, shift in enumerate(shifts)
+        ]
+        fell = np.full(GOAL_AXES, np.nan)
+        shifted = [result.shifted for result in bench.runner.results(trials)]
+        landings = [fell if one is None else one.landing[0] for one in shifted]
+        if np.isfinite(landings[0]).all():
+            goals.append(float(best_goal(landing, task.target, 0.0)[0]))
+            effects.append((np.array(landings[1:]) - landings[0]) / steps[:, None])
+    return HeldShifts(
+        x_m=np.array(goals),
+        update=np.array([update for update, _ in held], dtype=int),
+        axis=np.array([axis for _, axis in held], dtype=int),
+        effect=np.array(effects).reshape(len(goals), len(held), GOAL_AXES),
+        error=config.error,
+    )
 
 
 @dataclass(frozen=True)
@@ -73,7 +130,7 @@ class LearnedGoalMpcSettings(MethodSettings):
 
     def _simulated(self, bench: Bench, identified: PracticeResult, folder: str) -> tuple[KickedJumps, Authority]:
         """Kicked jumps of the identified robot and what shifts do to it, from the cache where they are there."""
-        effects = identify_contact_effects(bench, identified.logs, folder)
+        effects = identify_on(bench, identified.logs, folder, CONTACT_PARAMETERS)
         print(f"{bench.hardware}: simulated with {json.dumps(to_config(effects))}", flush=True)
         sensing = bench.world.sensing
         period = bench.level.info.sample_period_s

@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from leapgap.jumping.learning.flat_model import FlatPhase, average_flat_models
-from leapgap.jumping.learning.model import Model, Nominal, ResidualModel
+from leapgap.jumping.learning.model import FlatPhase, Model, Nominal, ResidualModel, average_flat_models
+from leapgap.jumping.learning.model_files import arrays_below
 from leapgap.jumping.learning.models.kernel import KernelModel
 from leapgap.jumping.learning.network import NetworkModel
 from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe
@@ -52,11 +52,11 @@ class ModelEnsemble(ResidualModel):
     @classmethod
     def from_parts(cls, arrays: dict[str, np.ndarray], settings: dict[str, Any]) -> "ModelEnsemble":
         """The ensemble of stored members."""
-        members = []
-        for i, about in enumerate(settings["members"]):
-            mine = {name.removeprefix(f"{i}/"): a for name, a in arrays.items() if name.startswith(f"{i}/")}
-            members.append(MEMBER_CLASSES[about["kind"]].from_parts(mine, about["settings"]))
-        return cls(tuple(members))  # type: ignore[arg-type]
+        members: Any = [
+            MEMBER_CLASSES[about["kind"]].from_parts(arrays_below(arrays, str(i)), about["settings"])
+            for i, about in enumerate(settings["members"])
+        ]
+        return cls(tuple(members))
 
 
 class BlendRecipe(ModelRecipe):

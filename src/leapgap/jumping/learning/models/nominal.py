@@ -5,13 +5,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from leapgap.jumping.learning.flat_model import Part
-from leapgap.jumping.learning.model import Model, Nominal, ResidualModel
+from leapgap.jumping.learning.model import Model, Nominal, Part, ResidualModel
 from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe
-from leapgap.jumping.learning.transitions import extract_transitions
-from leapgap.jumping.learning.windows import Windows
+from leapgap.jumping.learning.windows import RolloutInputs, Windows, extract_transitions
 from leapgap.jumping.models.affine_model import AffineModel, Situation
-from leapgap.jumping.models.rigid_body import GRAVITY, PUBLISHED, RigidBody
+from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, PUBLISHED, VELOCITY, RigidBody
 
 
 @dataclass(frozen=True)
@@ -56,8 +54,7 @@ class NominalRecipe(ModelRecipe):
     name = "nominal"
     model = NominalModel
     shown_by_step = False
-    body: ClassVar[RigidBody | None] = None
-    """The body, where it is not the configured one."""
+    body: ClassVar[RigidBody | None] = None  # The body, where it is not the configured one
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
         """Nothing is fitted: the body is taken as it is."""
@@ -82,3 +79,81 @@ class NominalFittedRecipe(ModelRecipe):
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
         """Fit three gains by least squares."""
         return NominalModel(fit_gains(task.train, task.body, task.curvature)), []
+
+
+@dataclass(frozen=True)
+class ConstantVelocity(Model):
+    """Everything goes on as at the first sample: no forces, no gravity."""
+
+    kind: ClassVar[str] = "constant_velocity"
+
+    def predict(self, inputs: RolloutInputs) -> np.ndarray:
+        """Positions grow with the first velocities."""
+        elapsed = np.concatenate([np.zeros((len(inputs), 1)), np.cumsum(inputs.step_s, axis=1)], axis=1)
+        states = np.repeat(inputs.state[:, None], elapsed.shape[1], axis=1)
+        states[..., POSITION] += elapsed[..., None] * inputs.state[:, None, VELOCITY]
+        return states
+
+    @classmethod
+    def from_parts(cls, arrays: dict[str, np.ndarray], settings: dict[str, Any]) -> "ConstantVelocity":
+        """The model, which has no parts."""
+        return cls()
+
+
+class ConstantVelocityRecipe(ModelRecipe):
+    """Constant velocity needs no training and looks at nothing measured after the first step."""
+
+    name = "constant_velocity"
+    model = ConstantVelocity
+    colour = "#8a93a3"
+    can_be_exported = False
+    shown_by_step = False
+    forecast_name = "constant_velocity"
+
+    def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
+        """Return the model, which has nothing to fit."""
+        return ConstantVelocity(), []
+
+
+@dataclass(frozen=True)
+class Playback(Model):
+    """The mean training jump, played back from the measured first state: no model, no inputs."""
+
+    kind: ClassVar[str] = "playback"
+    increments: np.ndarray  # Mean change of the state during each step of the jump, (N, 6)
+
+    @staticmethod
+    def fit(windows: Windows) -> "Playback":
+        """Mean over the jumps of each step's change."""
+        steps = extract_transitions(windows)
+        increments = [steps.increment[steps.step == n].mean(axis=0) for n in range(steps.step.max() + 1)]
+        return Playback(np.array(increments))
+
+    def predict(self, inputs: RolloutInputs) -> np.ndarray:
+        """Add the mean changes, by the number of the step in the jump."""
+        steps = inputs.start[:, None] + np.arange(inputs.force.shape[1])
+        changes = np.cumsum(self.increments[steps], axis=1)
+        return np.concatenate([inputs.state[:, None], inputs.state[:, None] + changes], axis=1)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The mean changes, as ``increments``."""
+        return {"increments": self.increments}
+
+    @classmethod
+    def from_parts(cls, arrays: dict[str, np.ndarray], settings: dict[str, Any]) -> "Playback":
+        """The model of stored mean changes."""
+        return cls(arrays["increments"])
+
+
+class PlaybackRecipe(ModelRecipe):
+    """Playback looks at nothing measured after the first step and cannot say how forces move the base."""
+
+    name = "playback"
+    model = Playback
+    colour = "#d19a1b"
+    can_be_exported = False
+    forecast_name = "playback"
+
+    def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
+        """The mean motion of the training jumps; there is nothing to iterate, hence no curve."""
+        return Playback.fit(task.train), []

@@ -1,14 +1,18 @@
 """Our residual networks: small, normalised, an ensemble, trained by gradient descent."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 
 from leapgap.jumping.learning.model import Model, Nominal
+from leapgap.jumping.learning.models.kernel import REGRESSORS, mode_of, places
 from leapgap.jumping.learning.models.nominal import fit_gains
-from leapgap.jumping.learning.network import NetworkForecast, NetworkModel, Scaling, random_mlp
+from leapgap.jumping.learning.network import Mlp, NetworkForecast, NetworkModel, Scaling, orthogonal_mlp, random_mlp
 from leapgap.jumping.learning.recipe import (
+    DeviationRecipe,
+    DeviationTask,
     FitTask,
     Fitting,
     LearningCurve,
@@ -16,10 +20,11 @@ from leapgap.jumping.learning.recipe import (
     ModelSettings,
     configured_inputs,
 )
-from leapgap.jumping.learning.transitions import Transitions, extract_transitions
-from leapgap.jumping.learning.windows import Windows, drop_forces
-from leapgap.jumping.models.affine_model import check_names, columns
-from leapgap.jumping.models.rigid_body import RigidBody
+from leapgap.jumping.learning.window_extraction import BALLISTIC_S
+from leapgap.jumping.learning.windows import TimeGrid, Transitions, Windows, drop_forces, extract_transitions
+from leapgap.jumping.models.affine_model import AffineModel, check_names, columns
+from leapgap.jumping.models.rigid_body import DeviationModel, PlannedSteps, RigidBody
+from leapgap.logs.pair_force import FORCES
 
 
 def fit_scaling(
@@ -60,12 +65,9 @@ class NetworksConfig(ModelSettings):
 
     inputs: dict[str, float] = field(default_factory=lambda: dict(INPUTS))
     """Inputs, each with its weight after scaling to unit variance: a large weight lets the model change fast."""
-    hidden: list[int] = field(default_factory=lambda: [128])
-    """Units of each hidden layer of h1, G1 and h2."""
-    seeds: int = 3
-    """Members of the ensemble."""
-    force_scale: float = 5.0
-    """Standard deviations of a force that count like one of an input."""
+    hidden: list[int] = field(default_factory=lambda: [128])  # Units of each hidden layer of h1, G1 and h2
+    seeds: int = 3  # Members of the ensemble
+    force_scale: float = 5.0  # Standard deviations of a force that count like one of an input
     output_gain: float = 0.1
     bias_spread: float = 2.5
     fitting: Fitting = field(default_factory=Fitting)
@@ -100,8 +102,7 @@ class NetworksRecipe(ModelRecipe):
     colour = "#2563c9"
     label_is_plural = True
     uncertainty_from = "kernel"
-    uses_phase: ClassVar[bool] = True
-    """Whether the phase of the jump stays among the configured inputs."""
+    uses_phase: ClassVar[bool] = True  # Whether the phase of the jump stays among the configured inputs
 
     def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
         """Train from random weights."""
@@ -154,3 +155,160 @@ def train_networks(start: NetworkModel, task: FitTask, fitting: Fitting) -> tupl
 
     held_out = task.held_out if len(task.held_out) else None
     return training.fit(start, task.train, held_out, fitting, task.run)
+
+
+PUBLISHED_INPUTS = (
+    "x_from_start",
+    "z_from_start",
+    "pitch",
+    "front_foot_x",
+    "front_foot_z",
+    "rear_foot_x",
+    "rear_foot_z",
+)
+"""q, with positions from the window's start, and r (paper, residual)."""
+PUBLISHED_FITTING = Fitting(
+    steps=20, learning_rate=2e-4, cosine_decay=False, weight_decay=0.0, clip_norm=0.0, loss="sum"
+)
+"""As the paper fits, but for the number of steps."""
+
+
+@dataclass
+class PublishedRecipeConfig(ModelSettings):
+    """The paper's networks to the letter, but for the number of steps (20 000, hours)."""
+
+    section: ClassVar[str] = "published_recipe"
+
+    hidden_h: list[int] = field(default_factory=lambda: [400, 400])
+    hidden_G: list[int] = field(default_factory=lambda: [1000, 1000])  # noqa: N815 - the paper's letter
+    orthogonal_gain: float = 0.1
+    mass_kg: float = 12.0
+    pitch_inertia_kgm2: float = 0.17
+    fitting: Fitting = field(default_factory=lambda: replace(PUBLISHED_FITTING))
+
+
+def initial_published_networks(
+    grid: TimeGrid, nominal: Nominal, config: PublishedRecipeConfig, random: np.random.Generator
+) -> NetworkModel:
+    """The paper's networks before training, with raw inputs.
+
+    Their outputs are velocity changes a step, as in the residual of the released code, which has no Δt.
+    """
+    sizes = {
+        "contact/h": [7, *config.hidden_h, 3],
+        "contact/G": [7, *config.hidden_G, 12],
+        "flight/h": [7, *config.hidden_h, 3],
+    }
+    return NetworkModel(
+        nominal,
+        PUBLISHED_INPUTS,
+        unit_scaling(7, 1 / grid.contact_step_s),
+        unit_scaling(7, 1 / grid.flight_step_s),
+        {name: orthogonal_mlp(size, config.orthogonal_gain, random) for name, size in sizes.items()},
+    )
+
+
+class PublishedRecipe(ModelRecipe):
+    """Raw inputs, one large network a residual, the paper's own body and explicit Euler steps."""
+
+    name = "published_recipe"
+    model = NetworkModel
+    settings = PublishedRecipeConfig
+    colour = "#a3476b"
+    shown_by_step = False
+
+    def fit(self, task: FitTask) -> tuple[Model, LearningCurve]:
+        """Train from small orthogonal weights."""
+        config = task.settings(PublishedRecipeConfig)
+        nominal = Nominal(RigidBody(config.mass_kg, config.pitch_inertia_kgm2))
+        start = initial_published_networks(task.train.grid, nominal, config, np.random.default_rng(task.run.seed))
+        return train_networks(start, task, config.fitting)
+
+
+@dataclass(frozen=True)
+class DeviationNetworks(DeviationModel):
+    """The mean of the members: h, then C, then G in units, from scaled phase, target and stance."""
+
+    body: RigidBody
+    scale: np.ndarray  # Divides phase, s, target x and z, m, and stance, rad, (4,)
+    unit: np.ndarray  # Of what an output multiplies: 1, the errors and the forces, (11,)
+    acceleration_unit: np.ndarray  # (3,), m/s² and rad/s²
+    networks: Mapping[str, Mlp]  # By mode, 4 inputs to 3 × 11 outputs
+    landing_s: float
+
+    def residual(self, steps: PlannedSteps) -> AffineModel:
+        """h, G and C, the mean over members; zero in the last flight step, in which feet touch down."""
+        found = np.zeros((len(steps), 3, REGRESSORS))
+        modes, inputs = mode_of(steps), places(steps, self.scale).astype(np.float32)
+        learned = steps.time_s < self.landing_s - BALLISTIC_S - 1e-6
+        for name, network in self.networks.items():
+            mine = (modes == name) & learned
+            if mine.any():
+                found[mine] = network(inputs[mine]).mean(axis=0).reshape(-1, 3, REGRESSORS)
+        found *= self.acceleration_unit[:, None] / self.unit
+        return AffineModel(found[:, :, 0], found[:, :, 7:], found[:, :, 1:7])
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Units, and by mode the weights and biases of each layer."""
+        found = {"scale": self.scale, "unit": self.unit, "acceleration_unit": self.acceleration_unit}
+        for name, network in self.networks.items():
+            found |= network.arrays(name)
+        return found
+
+
+MODES = ("both", "rear", "none")
+OUTPUTS = 3 * REGRESSORS
+
+
+@dataclass
+class DeviationNetworksConfig(ModelSettings):
+    """Size, units and training of the networks."""
+
+    section: ClassVar[str] = "deviation_networks"
+    hidden: list[int] = field(default_factory=lambda: [64])
+    seeds: int = 3  # Members of the ensemble
+    phase_s: float = 0.1
+    target_m: float = 0.3
+    stance_rad: float = 0.3  # Units of the inputs
+    error_unit: list[float] = field(default_factory=lambda: [0.02, 0.02, 0.05, 0.1, 0.1, 0.4])
+    force_unit_n: float = 40.0  # Deviations whose effects are of the size of the outputs
+    acceleration_unit: list[float] = field(default_factory=lambda: [2.0, 2.0, 8.0])  # Of the outputs, m/s² and rad/s²
+    horizon: int = 10  # Steps of the roll-outs in the loss (K)
+    bias_spread: float = 4.0  # Of the first biases, so that units differ in phase
+    fitting: Fitting = field(
+        default_factory=lambda: Fitting(steps=300, learning_rate=0.01, weight_decay=0.01, clip_norm=1.0)
+    )
+
+
+def initial_deviation_networks(
+    task: DeviationTask, config: DeviationNetworksConfig, landing_s: float, random: np.random.Generator
+) -> DeviationNetworks:
+    """Before training: outputs near zero, so that training starts near the rigid body."""
+    scale = np.array([config.phase_s, config.target_m, config.target_m, config.stance_rad])
+    sizes = [len(scale), *config.hidden, OUTPUTS]
+    networks = {name: random_mlp(sizes, config.seeds, 0.1, config.bias_spread, random) for name in MODES}
+    return DeviationNetworks(
+        task.body,
+        scale,
+        np.array([1.0, *config.error_unit, *[config.force_unit_n] * FORCES]),
+        np.array(config.acceleration_unit),
+        networks,
+        landing_s,
+    )
+
+
+class DeviationNetworksRecipe(DeviationRecipe):
+    """Trained by Lightning on roll-outs over the horizon."""
+
+    name = "deviation_networks"
+    settings = DeviationNetworksConfig
+
+    def fit(self, task: DeviationTask) -> DeviationNetworks:
+        """Train from random weights; torch and Lightning take seconds to import, so they are imported here."""
+        from leapgap.jumping.learning import deviation_training
+
+        config = task.settings(DeviationNetworksConfig)
+        landing_s = float(max(jump.steps.end_s[-1] for jump in task.jumps))
+        start = initial_deviation_networks(task, config, landing_s, np.random.default_rng(task.seed))
+        calm = [jump for jump in task.jumps if jump.kicked is None]  # roll-outs would go across a kick
+        return deviation_training.fit(start, calm, config.horizon, config.fitting, task.seed)
