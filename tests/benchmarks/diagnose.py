@@ -49,7 +49,7 @@ class Counting(Replayer):
 
 def tiny(settings: Settings) -> Settings:
     """Settings of a diagnosis of one effect in seconds."""
-    plan = replace(settings.plan, most_causes=1, shortlist=2, steps=1)
+    plan = replace(settings.plan, shortlist=2, steps=1)
     return replace(
         settings, effects=["joint_damping"], folds=2, most_pieces=4, plan=plan, noise_draws=1, bootstrap_draws=20
     )

@@ -58,7 +58,7 @@ def short_rollouts(gap: HeldOutGap, robot: Robot) -> ShortRollouts:
     return short.whiten_for(short.on_every_log(()))
 
 
-def joint_fit_in_parts(robot: Robot, change: Change, steps: int = 1, near: Candidate | None = NOMINAL) -> JointFit:
-    """The joint fit to stiff motions of the arm with a hidden ``change``, simulated by so many steps a millisecond."""
-    gap = heldout_gap(noisy_logs(robot.path, change, STIFF, steps=steps), robot)
-    return JointFit(gap, short_rollouts(gap, robot), (), in_parts=True, near=near)
+def joint_fit(robot: Robot, change: Change) -> JointFit:
+    """The joint fit to stiff motions of the arm with a hidden ``change``."""
+    gap = heldout_gap(noisy_logs(robot.path, change, STIFF), robot)
+    return JointFit(gap, short_rollouts(gap, robot), ())

@@ -9,15 +9,14 @@ import pytest
 
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, chosen_without
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
+from leapgap.diagnosis.engine.search import Found, Search
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.joint_likelihood import Numbers, bounded_minimum
 from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting
 from leapgap.diagnosis.log_errors import LogErrors
-from leapgap.diagnosis.selection import SearchSettings
 from leapgap.diagnosis.settings import Settings
 from leapgap.reports.diagnosis import Report, diagnose_logs
 from leapgap.robot.model import Robot
@@ -47,12 +46,21 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     return torque_driven_arm(tmp_path_factory.mktemp("arm"))
 
 
+class OneCause(Search):
+    """A search that ends with its first cause, so that much is left for a fit of all effects."""
+
+    def explore(self) -> tuple[Found, Found]:
+        start = self.judge(self.bench.nominal())
+        return start, replace(self, most=1).ascend(start)
+
+
 @pytest.fixture(scope="module")
 def report(robot: Robot) -> Report:
-    """The report on the worn arm of a diagnosis that may name one cause, and not from a fit of all together."""
-    alone = {"plan": SearchSettings(most_causes=1), "doubts": DecisionThresholds(enough_jointly=0.0)}
-    settings = Settings(effects=KINDS, noise_draws=1, bootstrap_draws=100, **alone)
-    return diagnose_logs(noisy_logs(robot.path, worn), robot, settings, threads=2)
+    """The report on the worn arm of a diagnosis that looks for one cause only."""
+    settings = Settings(effects=KINDS, noise_draws=1, bootstrap_draws=100)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("leapgap.diagnosis.diagnose.Search", OneCause)
+        return diagnose_logs(noisy_logs(robot.path, worn), robot, settings, threads=2)
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +84,7 @@ def test_it_closes_more_of_held_out_logs_than_an_answer_of_fewer_causes(found: D
 
 
 def test_its_numbers_are_those_that_were_hidden_at_each_joint(found: Diagnosis) -> None:
-    """To a share of 5 %: a torque gain, masses and armatures that rise together leave a motion nearly as it is."""
+    """To a tenth, and 0.0015 kg·m²: a gain, masses and armatures that rise together leave a motion nearly as it is."""
     values = {(one.effect, one.location): one.value for one in best_of(found).numbers}
     hidden = {
         ("joint_damping", "L_shoulder"): 0.2,
@@ -88,7 +96,7 @@ def test_its_numbers_are_those_that_were_hidden_at_each_joint(found: Diagnosis) 
         ("link_mass", "L_elbow"): 1.15,
     }
     for which, true in hidden.items():
-        assert values[which] == pytest.approx(true, rel=0.1), which
+        assert values[which] == pytest.approx(true, rel=0.1, abs=0.0015), which
     assert values["torque_gain", "L_elbow"] == pytest.approx(1, abs=0.05)
 
 

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.selection import SearchSettings
 from leapgap.diagnosis.settings import Settings
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
@@ -64,7 +63,6 @@ SETTINGS = Settings(
     effects=["joint_friction"],
     folds=2,
     pieces_per_log=8,
-    plan=SearchSettings(most_causes=1, shortlist=3),
     bootstrap_draws=50,
 )
 

@@ -12,7 +12,6 @@ from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.experiments.given import Given
 from leapgap.diagnosis.next_experiment import by_experience
 from leapgap.diagnosis.provenance import Provenance
-from leapgap.diagnosis.selection import SearchSettings
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.measurements import SamplePeriod
 from leapgap.errors import InputError
@@ -31,7 +30,6 @@ from tests.diagnosis.two_link_arm import TORQUE_MOTOR, two_link_arm
 FEW = Settings(
     effects=["joint_damping", "sample_period", "torque_gain"],
     pieces_per_log=5,
-    plan=SearchSettings(most_causes=1, shortlist=4),
     tolerances={"joint_friction.torque_nm": 0.05},
     bootstrap_draws=200,
 )

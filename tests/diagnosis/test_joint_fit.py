@@ -1,5 +1,7 @@
 """All effects fitted together, and parts of other descriptions, on logs that plain MuJoCo simulated."""
 
+from types import SimpleNamespace
+
 import mujoco
 import numpy as np
 import pytest
@@ -12,8 +14,8 @@ from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
 from leapgap.diagnosis.joint_likelihood import JointLikelihood
-from leapgap.diagnosis.joint_search import SearchInParts, search_jointly
-from leapgap.diagnosis.log_errors import LogErrors, updated
+from leapgap.diagnosis.joint_search import JointSearch
+from leapgap.diagnosis.log_errors import LogErrors
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.robot.model import DEFAULT_MODEL, Robot
 from leapgap.robot.motion import Motion
@@ -35,16 +37,17 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, HeldOutGap, Sh
 
 def test_three_causes_at_once_are_found_with_their_numbers(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:
     robot, gap, short = arm
-    causes, _ = search_jointly(JointFit(gap, short, ()), list_hypotheses(KINDS, robot, None))
-    fit = causes[-1].fit
+    steps, probabilities = JointSearch(JointFit(gap, short, ())).search(list_hypotheses(KINDS, robot, None))
+    fit = steps[-1]
     found = {name: float(number[0]) for name, number in zip(fit.names, fit.split(), strict=True)}
     assert set(found) == {"joint_damping", "joint_friction", "armature"}
     assert found["joint_damping"] == pytest.approx(0.25, rel=0.1)
     assert found["joint_friction"] == pytest.approx(0.3, rel=0.1)
     assert found["armature"] == pytest.approx(0.02, rel=0.1)
     assert gap.closure_value(fit.heldout) > 0.9
-    closes = [gap.closure_value(squares) for squares in gap.squares([cause.fit for cause in causes])]
+    closes = [gap.closure_value(squares) for squares in gap.squares(steps)]
     assert closes == sorted(closes)
+    assert len(probabilities) == 3 and min(probabilities) > 0.9
 
 
 def test_few_whole_replays_are_in_memory_at_once_and_their_errors_are_the_same(
@@ -72,63 +75,34 @@ def test_few_whole_replays_are_in_memory_at_once_and_their_errors_are_the_same(
     assert not np.array_equal(few[0][0], few[1][0])
 
 
-def test_a_wrong_effect_is_exchanged_for_the_right_one(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:
-    """A fit with a torque gain where the joints have friction: the gain goes, and friction comes with its number."""
-    robot, gap, short = arm
-    hypotheses = list_hypotheses(KINDS, robot, None)
-    every = {h.name: h for h in hypotheses if h.location == "all"}
-    wrong = tuple(every[name] for name in ("joint_damping", "torque_gain", "armature"))
-    search = SearchInParts(JointFit(gap, short, (), in_parts=True))
-    start = search.joint.fit(wrong, np.concatenate([h.nominal for h in wrong]), 3)
-    fit, rivals = search.with_exchanges(start, hypotheses, none_gap=2.7)
-    found = {name: float(number[0]) for name, number in zip(fit.names, fit.split(), strict=True)}
-    assert found == pytest.approx({"joint_damping": 0.25, "joint_friction": 0.3, "armature": 0.02}, rel=0.1)
-    assert rivals == {}
-    again, rivals = search.with_exchanges(fit, hypotheses, none_gap=2.7)
-    assert again is fit and rivals == {}
-
-
-def test_of_friction_and_a_torque_against_it_the_one_that_logs_need_stays(
-    arm: tuple[Robot, HeldOutGap, ShortRollouts],
-) -> None:
-    """Joints with friction of 0.3, told as 0.4 and a torque of 0.1 that makes up for it."""
-    robot, gap, short = arm
-    names = ("joint_damping", "friction_compensation", "joint_friction", "armature")
-    every = {h.name: h for h in list_hypotheses([*names], robot, None) if h.location == "all"}
-    search = SearchInParts(JointFit(gap, short, (), in_parts=True))
-    start = search.joint.fit(tuple(every[name] for name in names), np.array([0.25, 0.1, 0.4, 0.02]), 1)
-    assert start.split()[1] > 0.02 and search.opposites(start) == (1, 2)
-    fit = search.without_opposites(start)
-    found = {name: float(number[0]) for name, number in zip(fit.names, fit.split(), strict=True)}
-    assert found == pytest.approx({"joint_damping": 0.25, "joint_friction": 0.3, "armature": 0.02}, rel=0.1)
-    assert search.without_opposites(fit) is fit
-
-
 def test_what_evidence_tells_is_held_and_stays(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:
     """The armature as some evidence has it, half as large as it is: others are fitted around it."""
     robot, gap, short = arm
     told = Evidence("a test", "armature.inertia", 0.01, 0.0005, "kg·m²", {}, "said here")
     plan = JointFitSettings(first_steps=2, all_steps=2, steps=2)
-    causes, _ = search_jointly(JointFit(gap, short, (told,), plan), list_hypotheses(KINDS, robot, None))
-    fit = causes[-1].fit
+    (*_, fit), _ = JointSearch(JointFit(gap, short, (told,), plan)).search(list_hypotheses(KINDS, robot, None))
     at = fit.names.index("armature")
     assert fit.split()[at] == pytest.approx([0.01])
     assert (fit.fold_numbers[:, at] == 0.01).all()
     assert np.sqrt(fit.covariance[at, at]) == pytest.approx(0.0005)
 
 
-def test_derivatives_updated_by_steps_become_those_of_a_linear_answer() -> None:
-    """Broyden's rule finds a matrix from as many independent steps as it has columns, each of which it then repeats."""
-    rng = np.random.default_rng(4)
-    true, slopes = rng.normal(size=(7, 3)), LogErrors(np.zeros((7, 3)), rng.normal(size=(2, 5, 3)))
-    pieces = rng.normal(size=(2, 5, 3))
-    for by in np.linalg.qr(rng.normal(size=(3, 3)))[0]:
-        start = LogErrors(rng.normal(size=7), rng.normal(size=(2, 5)))
-        end = LogErrors(start.whole + true @ by, start.pieces + pieces @ by)
-        slopes = updated(slopes, start, end, by)
-        assert slopes.whole @ by == pytest.approx(true @ by)
-    assert slopes.whole == pytest.approx(true)
-    assert slopes.pieces == pytest.approx(pieces)
+def test_the_slope_of_the_likelihood_is_its_derivative() -> None:
+    """Finite differences of the loss of errors that answer linearly."""
+    rng = np.random.default_rng(2)
+    errors, slopes = (
+        [LogErrors(rng.normal(size=(40, *of)), rng.normal(size=(5, 12, *of))) for _ in range(2)] for of in ((), (3,))
+    )
+    likelihood = JointLikelihood(SimpleNamespace(folds=np.arange(2)), SimpleNamespace())  # type: ignore[arg-type]
+
+    def loss(departs: np.ndarray) -> float:
+        pairs = zip(errors, slopes, strict=True)
+        moved = [LogErrors(a.whole + b.whole @ departs, a.pieces + b.pieces @ departs) for a, b in pairs]
+        return likelihood.loss(moved, departs)
+
+    _, slope = likelihood.normal(errors, slopes, np.zeros(3))
+    by = 1e-4 * np.eye(3)
+    assert slope == pytest.approx([(loss(one) - loss(-one)) / 2e-4 for one in by], rel=0.02, abs=0.02)
 
 
 def test_the_better_parts_of_another_description_are_found() -> None:

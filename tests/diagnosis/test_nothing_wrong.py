@@ -6,14 +6,12 @@ gains are wrong by up to 3 %. Of the project are only the commands, the plans of
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.other_simulations import FINE_INTEGRATORS, INTEGRATORS, runs
 from leapgap.diagnosis.report import ReportContent
 from leapgap.diagnosis.settings import Settings
 from leapgap.jumping.planning.reference import plan_reference, select_planar_robot
@@ -172,19 +170,3 @@ def test_a_slow_cause_beside_a_fast_one_is_told_by_whole_logs(plans: list[Log], 
     assert friction.location == "thigh"
     assert friction.parameters["torque_nm"].value == pytest.approx(2.0, rel=0.05)
     assert floor.parameters["mu"].value == pytest.approx(0.65 * 0.8, rel=0.05)
-
-
-SLEEPS = """<mujoco><option><flag island="disable" sleep="enable"/></option>
-  <worldbody><body><joint name="swing" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02"/></body>
-  </worldbody><actuator><motor joint="swing"/></actuator></mujoco>"""
-
-
-def test_an_integrator_that_a_model_does_not_have_is_not_tried(tmp_path: Path, a1: Robot) -> None:
-    """MuJoCo refuses its discrete integrator for a model that lets bodies sleep without islands."""
-    path = tmp_path / "sleeps.xml"
-    path.write_text(SLEEPS)
-    (discrete,), (euler,) = FINE_INTEGRATORS, INTEGRATORS
-    sleeps = Robot.load(path)
-    assert not runs(sleeps, discrete)
-    assert runs(sleeps, euler)
-    assert runs(a1, discrete)

@@ -8,7 +8,6 @@ from leapgap.diagnosis.checks import run_checks
 from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.gap import candidate_squares, headline_gap
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.selection import SearchSettings
 from leapgap.diagnosis.settings import Settings
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
@@ -86,7 +85,6 @@ def gap(logs: list[Log], robot: Robot) -> float:
 SETTINGS = Settings(
     effects=["joint_friction", "joint_damping", "torque_gain", "armature", "command_delay", "sample_period"],
     folds=3,
-    plan=SearchSettings(most_causes=1, shortlist=4),
     bootstrap_draws=100,
 )
 

@@ -1,19 +1,11 @@
 """Logs whose rows are not as long as they claim, of an arm with a hidden cause, by plain MuJoCo and a PD by hand."""
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.candidates import Fit, SearchResult
-from leapgap.diagnosis.decision import Conclusion, Judgement
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.own_clock import with_clock_first
 from leapgap.diagnosis.settings import Settings
-from leapgap.effects import known
-from leapgap.effects.measurements import SamplePeriod
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
 from tests.plain_arm import BELIEVED, EXAMPLE, JOINTS, KD, KP, TRUE, write_model
@@ -72,49 +64,3 @@ def test_the_clock_is_named_first_and_the_hidden_cause_with_its_value(tmp_path) 
     assert damping.parameters["damping"].value == pytest.approx(TRUE - BELIEVED, rel=0.1)
     (check,) = [check for check in report.checks if check.name == "row_clock"]
     assert not check.passed and "not evenly spaced" in check.says
-
-
-def fit(numbers: list[float], *hypotheses: Hypothesis) -> Fit:
-    """A fit of a search, of which the order of hypotheses and numbers matters here."""
-    count = len(numbers)
-    nothing = np.zeros(0)
-    folds = np.add(np.tile(numbers, (2, 1)), [[0.25], [0.5]])
-    covariance = np.diag(np.arange(1.0, count + 1))
-    return Fit(hypotheses, np.array(numbers), covariance, folds, nothing, nothing, 0.0, nothing, nothing)
-
-
-def test_a_clock_that_the_logs_tell_comes_first_whatever_explains_more(tmp_path) -> None:
-    robot = Robot.load(write_model(tmp_path))
-    clock = Hypothesis(SamplePeriod, robot, per_log={"a": (1.25,)})
-    damping, gain = (Hypothesis(known()[name], robot) for name in ("joint_damping", "torque_gain"))
-    both, alone, three = (
-        fit([0.3, 0.9], damping, clock),
-        fit([1.0], clock),
-        fit([0.3, 0.9, 0.8], damping, clock, gain),
-    )
-    rounds = ((fit([0.4], damping), alone), (both,), (three,))
-    result = SearchResult(fit([]), three, rounds, np.zeros(0, dtype=int), 1, ())
-    answer = (("joint_damping", "joint_friction"), ("sample_period",), ("torque_gain",))
-    found = Judgement(result, np.ones(1), Conclusion("ambiguous", answer, result.steps, (0.7, 1.0, 0.6)))
-    judged = with_clock_first(found)
-    conclusion = judged.conclusion
-    assert conclusion.verdict == "ambiguous" and conclusion.probabilities == (1.0, 0.7, 0.6)
-    assert conclusion.answer == (("sample_period",), ("joint_damping", "joint_friction"), ("torque_gain",))
-    assert [step.names for step in conclusion.steps] == [
-        ("sample_period",),
-        ("sample_period", "joint_damping"),
-        ("sample_period", "joint_damping", "torque_gain"),
-    ]
-    assert judged.selected.numbers.tolist() == [0.9, 0.3, 0.8]
-    assert np.diag(judged.selected.covariance).tolist() == [2.0, 1.0, 3.0]
-    assert judged.selected.fold_numbers[1].tolist() == pytest.approx([1.4, 0.8, 1.3])
-    assert judged.selected.effects_on("a", None)[0].scale == pytest.approx(1.225)
-    # A search that did not fit the clock alone: its number is that beside the other cause.
-    never = replace(result, rounds=((rounds[0][0],), *rounds[1:]))
-    first = with_clock_first(replace(found, result=never)).conclusion.steps[0]
-    assert first.names == ("sample_period",) and first.numbers.tolist() == [0.9]
-    assert conclusion.steps[0].numbers.tolist() == [1.0]
-    # A clock that no log confirms stays where it is.
-    unsure = replace(clock, per_log=None)
-    other = replace(found.conclusion, steps=(rounds[0][0], fit([0.3, 1.2], damping, unsure)))
-    assert with_clock_first(replace(found, conclusion=other)).conclusion is other

@@ -10,7 +10,6 @@ import pytest
 from leapgap import effects
 from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.hypotheses import list_hypotheses
-from leapgap.diagnosis.selection import SearchSettings
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect, parameter
 from leapgap.errors import InputError
@@ -85,7 +84,6 @@ SETTINGS = Settings(
     effects=["joint_damping", "joint_friction", "torque_gain", "armature"],
     folds=3,
     pieces_per_log=5,
-    plan=SearchSettings(most_causes=1, shortlist=4),
     tolerances={"armature.inertia": 0.0001},
     bootstrap_draws=100,
 )

@@ -10,7 +10,6 @@ import pytest
 
 from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.selection import SearchSettings
 from leapgap.diagnosis.settings import Settings
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
@@ -172,7 +171,6 @@ def test_a_model_without_the_site_does_not_judge_the_accelerometer(robot: Robot)
 SETTINGS = Settings(
     effects=["joint_friction", "payload", "command_delay"],
     pieces_per_log=4,
-    plan=SearchSettings(most_causes=1, shortlist=3),
     bootstrap_draws=50,
 )
 

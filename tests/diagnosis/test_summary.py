@@ -5,7 +5,7 @@ import pytest
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.closure import Interval
-from leapgap.diagnosis.decision import Conclusion, OtherSimulationExplains
+from leapgap.diagnosis.decision import Conclusion
 from leapgap.diagnosis.gap import HeldOutFigures
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.summary import listed, sentence, share_in_words
@@ -53,19 +53,6 @@ def test_ten_causes_make_no_sentence_of_ten(robot: Robot) -> None:
     words = sentence(conclusion, selected, 1.40, 0.05, figures, ["jump_0", "jump_1"])
     assert words.count("viscous friction") == 3
     assert " and 3 further causes explain 85 %" in words
-
-
-def test_where_another_simulation_explains_the_gap_its_gap_is_told(robot: Robot) -> None:
-    other = OtherSimulationExplains(("Euler's integrator", "harder contacts"), 0.046, np.zeros(2))
-    conclusion = Conclusion("none", (), other_simulation=other)
-    figures = HeldOutFigures(np.zeros(2), 0.31, Interval(0.0, 0.0, 0.0))
-    words = sentence(
-        conclusion, Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0))), 0.31, 0.05, figures, ["a", "b"]
-    )
-    assert words == (
-        "These 2 logs show no fault of the robot: the gap of 0.31 comes from the settings of the simulation, and is "
-        "0.046 with Euler's integrator and harder contacts alone."
-    )
 
 
 def test_a_gap_without_a_cause_is_told_apart_from_noise() -> None:

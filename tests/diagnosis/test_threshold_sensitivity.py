@@ -47,7 +47,7 @@ def test_shares_stay_shares() -> None:
 def test_every_threshold_of_the_settings_can_be_changed() -> None:
     settings = Settings()
     names = dict(thresholds(settings))
-    assert {"model_error", "plan.least_gain", "doubts.none_gap", "joint.least_part", "outside.near"} <= set(names)
+    assert {"model_error", "plan.least_gain", "doubts.none_gap", "joint.least_gain", "outside.near"} <= set(names)
     for name, value in names.items():
         changed = dict(thresholds(with_threshold(settings, name, 0.9 * value)))
         assert {one for one in names if changed[one] != names[one]} == {name}

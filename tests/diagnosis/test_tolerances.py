@@ -7,6 +7,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.diagnose import diagnose
+from leapgap.diagnosis.experiment_whole_logs import tolerance_effects
 from leapgap.diagnosis.hypotheses import list_hypotheses, places
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.sensitivities import Sensitivities, tolerance
@@ -78,3 +79,11 @@ def test_a_nuisance_is_one_tolerance_of_its_column(robot: Robot, reference: Log)
     for number, foot in enumerate(robot.feet):
         expected = 0.02 * 0.8 * responses.columns[:, :, by_place["foot_friction", foot]]
         assert responses.nuisances[:, :, 2 + number] == pytest.approx(expected)
+
+
+def test_each_place_of_an_experiments_robot_is_off_by_a_draw_of_its_own(robot: Robot) -> None:
+    tolerances = {"leg_mass.scale": 0.03, "foot_friction.mu": 0.1}
+    off = tolerance_effects(robot, tolerances, iter([*range(len(robot.joints)), 2.0, -1.0, 0.0, 1.0]))
+    assert [one.values["scale"] for one in off[:3]] == pytest.approx([1.0, 1.03, 1.06])
+    assert [(one.name, one.location) for one in off[-4:]] == [("foot_friction", foot) for foot in robot.feet]
+    assert [one.values["mu"] for one in off[-4:]] == pytest.approx([0.96, 0.72, 0.8, 0.88])

@@ -14,7 +14,6 @@ import pytest
 from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.report import ReportContent
-from leapgap.diagnosis.selection import SearchSettings
 from leapgap.diagnosis.settings import Settings
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, LogInfo
@@ -221,7 +220,6 @@ def test_a_walk_on_blocks_needs_the_position_of_the_base(go2: Robot) -> None:
 SETTINGS = Settings(
     effects=["joint_friction", "payload", "command_delay"],
     pieces_per_log=4,
-    plan=SearchSettings(most_causes=1, shortlist=3),
     bootstrap_draws=50,
 )
 

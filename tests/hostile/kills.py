@@ -49,7 +49,7 @@ LAND = ("land.methods=[joint_pd,nominal_variable]", "land.tasks.block_60.repeats
 TRAIN = ("size=tiny", "train.models=[networks]", "train.sessions=null", "train.folds=2")
 WITHHOLD = ("withhold.references={inputs}/references", "withhold.published=null")
 NO_OTHERS = ("withhold.halves.reported.nameless=0", "withhold.halves.reported.none=0")
-QUICK = ("best=false", "folds=2", "most_pieces=6", "whole.steps=1", "whole.promising=1", "whole.most_causes=1")
+QUICK = ("best=false", "folds=2", "most_pieces=6")
 ALONE = ("diagnose_withheld.settings.effects=[joint_damping]", *(f"diagnose.settings.{setting}" for setting in QUICK))
 """Diagnoses that take seconds, of one effect."""
 MISSED_LOGS = "diagnose_withheld.logs={inputs}/missed/logs"

@@ -148,7 +148,7 @@ def test_settings_that_would_never_end_are_refused(name: str, value: float, expe
         Settings(**{name: value})
 
 
-@pytest.mark.parametrize("name", ["shortlist", "per_effect", "steps", "promising", "beams", "most_causes"])
+@pytest.mark.parametrize("name", ["shortlist", "per_effect", "steps", "promising"])
 def test_a_search_without_steps_or_causes_is_refused(name: str) -> None:
     for value in (0, -1):
         with pytest.raises(InputError, match=rf"^settings\.plan.{name}: found {value}; expected 1 or more"):

@@ -68,7 +68,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def diagnoses(arm: Path, folder: Path, *arguments: str, **more: Any) -> str:
     """A sweep of quick diagnoses of the arm."""
-    quick = ["noise_draws=1", "bootstrap_draws=50", "most_pieces=12", "best=false", "plan.most_causes=1"]
+    quick = ["noise_draws=1", "bootstrap_draws=50", "most_pieces=12", "best=false"]
     return multirun(
         "stages.diagnose", "-m", f"diagnose.robot={arm / 'arm.xml'}", "diagnose.recordings=false", "diagnose.threads=1",
         *(f"diagnose.settings.{one}" for one in quick), f"hydra.sweep.dir={folder}", *arguments, **more,

@@ -35,7 +35,7 @@ FAST: dict[str, Any] = {
     "best": False,  # as in every withheld diagnosis: answers are judged
     "effects": ["joint_damping"],
     "pieces_per_log": 4,
-    "plan": {"most_causes": 1, "shortlist": 3, "steps": 3},
+    "plan": {"shortlist": 3, "steps": 3},
     "noise_draws": 1,
     "bootstrap_draws": 20,
     "folds": 2,

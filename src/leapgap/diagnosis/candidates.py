@@ -1,12 +1,11 @@
 """Candidates of the search for causes: sets of hypotheses with fitted numbers and their held-out losses."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.effects.base import Effect
 
 LEAST_SPREADS = 2.0
@@ -117,56 +116,27 @@ class ProfileLikelihood:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Result of a search: the selected candidate and all fits made on the way."""
+    """Result of a search for one cause."""
 
     nominal: Fit
     selected: Fit
-    rounds: tuple[tuple[Fit, ...], ...]
-    """Fits of sets of one, two, … hypotheses, best on held-out logs first; the last round may hold no selected set."""
+    singles: tuple[Fit, ...]
+    """Fits of single hypotheses, best on held-out logs first."""
     log_of_piece: np.ndarray
     values: int
     """Number of compared values of a piece."""
     profiles: tuple["ProfileLikelihood", ...]
-    """Profile likelihoods of the first round, one an effect."""
-    short: ShortRollouts | None = None
-    """The pieces of the search, whitened for the robot that it began with."""
-    nuisances: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
-    """Changes of their whitened errors by one standard deviation of each tolerance, (pieces, values, tolerances)."""
-
-    def before(self, number: int) -> Fit:
-        """The fit of the first ``number`` selected hypotheses."""
-        if number == 0:
-            return self.nominal
-        wanted = self.selected.hypotheses[:number]
-        return next(fit for fit in self.rounds[number - 1] if fit.hypotheses == wanted)
+    """Profile likelihoods, one an effect."""
 
     @property
     def steps(self) -> tuple[Fit, ...]:
-        """Fits of the first one, two, … selected hypotheses; the last is the selected fit."""
-        return tuple(self.before(k) for k in range(1, len(self.selected.hypotheses) + 1))
+        """The selected fit; empty where that is the nominal robot."""
+        return (self.selected,) if self.selected.hypotheses else ()
 
     @property
     def rivals(self) -> tuple[Fit, ...]:
         """Fits of sets as large as the selected one, which is among them."""
-        return self.rounds[len(self.selected.hypotheses) - 1] if self.selected.hypotheses else ()
-
-    @property
-    def further(self) -> Fit:
-        """The best fit of one effect more than are selected, which gained too little; the selected where none gains."""
-        size = len(self.selected.hypotheses)
-        last = self.rounds[size] if len(self.rounds) == size + 1 else ()
-        more = [fit for fit in last if fit.sensible and fit.hypotheses[:size] == self.selected.hypotheses]
-        return min([self.selected, *more], key=lambda fit: float(fit.heldout.sum()))
-
-    @property
-    def gain_of_further(self) -> float:
-        """What that effect gains on held-out logs; 0 where there is none."""
-        return float((self.selected.heldout - self.further.heldout).sum())
-
-    @property
-    def alternatives(self) -> tuple[Fit, ...]:
-        """The rivals, then each effect alone."""
-        return (*self.rivals, *(self.rounds[0] if self.rounds else ()))
+        return self.singles if self.selected.hypotheses else ()
 
 
 def in_words(fit: Candidate) -> str:

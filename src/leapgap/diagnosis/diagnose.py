@@ -12,9 +12,8 @@ from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.checks import CheckResult, as_read, clock_of, run_checks
 from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_source
-from leapgap.diagnosis.decision import Judgement, judge, judge_jointly
+from leapgap.diagnosis.decision import Judgement, judge, judge_jointly, partly_where_another_acts
 from leapgap.diagnosis.descriptions import judge_descriptions
-from leapgap.diagnosis.doubts import with_doubts
 from leapgap.diagnosis.engine.points import Bench
 from leapgap.diagnosis.engine.search import Search
 from leapgap.diagnosis.engine.verdict import (
@@ -42,7 +41,7 @@ from leapgap.diagnosis.own_clock import OwnClock, own_clock
 from leapgap.diagnosis.provenance import Provenance
 from leapgap.diagnosis.report import Headline, HorizonError, Profile, ReportContent
 from leapgap.diagnosis.rival_fits import Undecided, undecided_of
-from leapgap.diagnosis.selection import find_causes
+from leapgap.diagnosis.selection import find_cause
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts, check_length
 from leapgap.diagnosis.summary import causes_of, not_judged, profiles_of, sentence
@@ -301,16 +300,17 @@ def answer_by_own_clock(
     pieces = partial(ShortRollouts.of, judged.states, ready.replayer, settings.horizon_s, settings.every_s)
     progress(f"step 2 of 4, search: {len(hypotheses)} hypotheses (an effect at a location)")
     whole, coarse = pieces((most + 1) // 2), pieces((most + 3) // 4)
-    plan = replace(settings.plan, most_causes=1)
-    result = find_causes(whole, coarse, hypotheses, settings.tolerances, ready.heldout_gap.folds, plan, progress)
+    folds = ready.heldout_gap.folds
+    result = find_cause(whole, coarse, hypotheses, settings.tolerances, folds, settings.plan, progress)
     heldout_gap = ready.heldout_gap.at_stable_horizon(
         result.selected, settings.noise_draws_of(sum(judged.rows)), np.random.default_rng(settings.seed)
     )
     gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
     progress(f"step 3 of 4, alternatives and whole logs: gap {gap:.3f}, noise floor {floor:.3f}")
     joint = JointFit(heldout_gap, whitened(pieces(most)), evidence, settings.joint, progress)
-    judgement = judge(result, heldout_gap, hypotheses, settings.doubts, settings.whole, progress)
-    judgement = with_doubts(judge_jointly(judgement, joint, hypotheses, settings.doubts), joint, settings.doubts)
+    judgement = judge(result, heldout_gap, settings.doubts)
+    judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
+    judgement = partly_where_another_acts(judgement, heldout_gap, settings.doubts)
     by_source = closure_by_source(joint, judgement.selected)
     judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
     best = None
@@ -320,7 +320,7 @@ def answer_by_own_clock(
         best = BestFit(*own).search()
     open_, profiles = undecided_of(judgement), tuple(profiles_of(judgement.result))
     return FoundAnswer(
-        judgement, heldout_gap, evidence, by_source, best, open_, profiles=profiles, notes=tuple(joint.notes)
+        judgement, heldout_gap, evidence, by_source, best, open_, profiles=profiles, notes=judgement.notes
     )
 
 

@@ -6,21 +6,24 @@ logs, and finds in such ones a gap that no cause closes. So an experiment is mad
 from the answer's as the model may differ from the real one, and judged as a further diagnosis would judge its logs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from leapgap import effects
 from leapgap.diagnosis.experiment_forecast import MOST_LOGS, Forecaster, short_plan
 from leapgap.diagnosis.experiments.base import Experiment, Repetition
 from leapgap.diagnosis.gap import candidate_squares
+from leapgap.diagnosis.hypotheses import places, usable
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.numbers_beside import tolerance_effects
+from leapgap.diagnosis.sensitivities import tolerance
 from leapgap.diagnosis.short_rollouts import FINE
 from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
 from leapgap.simulation.rollout import Rollout
 
 CONTACT_TIMES = (0.9, 1.1)
@@ -94,4 +97,22 @@ class WholeLogs:
         """
         of = self.forecaster
         free = {key: share for key, share in of.tolerances.items() if key.partition(".")[0] not in of.answer.names}
-        return tuple(tolerance_effects(of.robot, free, deviations=iter(rng.standard_normal, None)))
+        return tuple(tolerance_effects(of.robot, free, iter(rng.standard_normal, None)))
+
+
+def tolerance_effects(robot: Robot, tolerances: Mapping[str, float], deviations: Iterator[float]) -> list[Effect]:
+    """One effect for each tolerance (``Settings.tolerances``) and single place, off by the next of some deviations.
+
+    These are in standard deviations.
+    """
+    kinds, found = effects.known(), []
+    for name, share in tolerances.items():
+        effect, _, parameter = name.partition(".")
+        if effect not in kinds or not usable(kinds[effect], robot):
+            continue
+        kind: Callable[..., Effect] = kinds[effect]
+        for place in places(kinds[effect], robot)["all"]:
+            (own,) = (p for p in kinds[effect].parameters(robot, place) if p.name == parameter)
+            off = tolerance(kinds[effect], robot, place, parameter, share) * next(deviations)
+            found.append(kind(location=place, **{parameter: own.nominal + off}))
+    return found

@@ -1,17 +1,17 @@
-"""Search in full rollouts, used where a confirmed cause from short replays leaves most of the gap.
+"""Fits of sets of effects to full rollouts.
 
 Replays that restart from the log every 0.1 s are insensitive to slow influences: mass, inertia, centre of mass. Here
-sets of effects are fitted to replays over all judged rows of a log, in the channels and scales of the
-headline gap (Levenberg–Marquardt, finite differences), and judged on held-out logs.
+numbers are fitted to replays over all judged rows of a log, in the channels and scales of the headline gap
+(Levenberg–Marquardt, finite differences), and judged on held-out logs.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate, clip_numbers, effects_on_logs, in_words
+from leapgap.diagnosis.candidates import Candidate, clip_numbers, effects_on_logs
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 
@@ -27,19 +27,10 @@ SETTLED = 0.005
 
 @dataclass(frozen=True)
 class FullRolloutSettings:
-    """Width of the search, and thresholds for a further cause."""
+    """Length of a fit."""
 
-    promising: int = 2
-    """Number of effects fitted in the first round, the best ones by the linear model; half as many in later rounds."""
     steps: int = 6
     """Largest number of Gauss–Newton steps."""
-    most_causes: int = 3
-    least_closure: float = 0.05
-    """Smallest share of the headline gap that a further cause must close on held-out logs."""
-    least_sure: float = 0.9
-    """Smallest share of the resamples in which a further cause must reduce the gap."""
-    least_agree: float = 0.6
-    """Smallest share of the logs on which a further cause must reduce the gap."""
 
 
 @dataclass(frozen=True)
@@ -50,18 +41,6 @@ class FullRolloutFit(Candidate):
     """Sum of squares, fitted on all logs."""
     heldout: np.ndarray
     """Sum of squares of each log, fitted without its fold, (logs,)."""
-
-
-@dataclass(frozen=True)
-class FullRolloutCause:
-    """One cause that full rollouts add to those before it."""
-
-    fit: FullRolloutFit
-    """The set of causes with this one."""
-    names: tuple[str, ...]
-    """The cause, then the rivals that cannot be told apart from it."""
-    probability: float
-    """Share of the resamples in which it is better than its rivals."""
 
 
 @dataclass(frozen=True)
@@ -103,62 +82,10 @@ class Slopes:
 
 @dataclass
 class FullRollouts:
-    """Fits sets of effects that act at all places to full rollouts."""
+    """Fits sets of effects to full rollouts."""
 
     heldout_gap: HeldOutGap
     plan: FullRolloutSettings
-    progress: Callable[[str], None] = lambda _: None
-
-    def search(self, first: Candidate, hypotheses: Sequence[Hypothesis], rival_share: float) -> list[FullRolloutCause]:
-        """Fit the first cause, then add one cause after the other while it is convincing.
-
-        A rival that is best in ``rival_share`` of the resamples cannot be separated.
-        """
-        draws = self.heldout_gap.draws
-        causes = [FullRolloutCause(self.fit(first.hypotheses, first.numbers), first.names, 1.0)]
-        while len(causes) < self.plan.most_causes:
-            before = causes[-1].fit
-            most = self.plan.promising if len(causes) == 1 else (self.plan.promising + 1) // 2
-            tried = [self.fit(*start) for start in self.rank_extensions(before, hypotheses)[:most]]
-            for fit in tried:
-                self.progress(f"whole logs, {in_words(fit)}: squares {fit.loss:.0f}, held out {fit.heldout.sum():.0f}")
-            sensible = sorted((fit for fit in tried if fit.sensible), key=lambda fit: fit.loss)
-            if not sensible or not self.is_convincing(before, sensible[0]):
-                break
-            best = np.array([fit.heldout[draws].sum(axis=1) for fit in sensible]).argmin(axis=0)
-            shares = np.bincount(best, minlength=len(sensible)) / len(draws)
-            names = [fit.names[-1] for fit in sensible]
-            rivals = [name for name, share in zip(names[1:], shares[1:], strict=True) if share >= rival_share]
-            causes.append(FullRolloutCause(sensible[0], (names[0], *sorted(rivals)), float(shares[0])))
-        return causes
-
-    def is_convincing(self, before: FullRolloutFit, after: FullRolloutFit) -> bool:
-        """Whether a further cause closes enough more of the gap, on enough held-out logs."""
-        plan = self.plan
-        closes = [self.heldout_gap.closure_value(fit.heldout) for fit in (before, after)]
-        sure = self.heldout_gap.share_better(after.heldout, before.heldout)
-        agree = (after.heldout < before.heldout).mean()
-        return bool(
-            closes[1] - closes[0] >= plan.least_closure and sure >= plan.least_sure and agree >= plan.least_agree
-        )
-
-    def rank_extensions(
-        self, base: FullRolloutFit, hypotheses: Sequence[Hypothesis]
-    ) -> list[tuple[tuple[Hypothesis, ...], np.ndarray]]:
-        """Sets with one more effect and their first numbers, best first by the linear model."""
-        further = [h for h in hypotheses if h.location == "all" and h.name not in base.names]
-        every = (*base.hypotheses, *further)
-        start = np.concatenate([base.numbers, *(h.nominal for h in further)])
-        slopes = self.slopes(every, start)
-        ends = np.cumsum([0, *(len(h.parameters) for h in every)])
-        own, found = np.arange(len(base.numbers)), []
-        for h, begin, end in zip(every, ends, ends[1:], strict=False):
-            if h in base.hypotheses:
-                continue
-            part = Slopes(slopes.errors, slopes.by_number[:, [*own, *range(begin, end)]])
-            left = part.errors.sampled + part.by_number @ part.step(DAMPINGS[0])
-            found.append((float(left @ left), (*base.hypotheses, h), np.concatenate([base.numbers, h.nominal])))
-        return [(sets, numbers) for _, sets, numbers in sorted(found, key=lambda one: one[0])]
 
     def fit(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray) -> FullRolloutFit:
         """Fit to all logs by least squares; the numbers of each fold are one step from there with the other logs."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -324,7 +323,9 @@ class HeldOutGap:
         closes = self.closure_value(*self.squares([candidate]))
         if closes >= enough:
             return closes
-        finer = self.by_short_steps
+        replayer = self.replayer.with_steps(FINE * self.replayer.largest_step_s)
+        (nominal,) = candidate_squares(self.judged, replayer, [[()] * len(self.judged.logs)])
+        finer = replace(self, replayer=replayer, nominal=nominal, cache={}, motions={})
         return max(closes, finer.closure_value(*finer.squares([candidate])))
 
     @property
@@ -352,14 +353,3 @@ class HeldOutGap:
     def share_better(self, squares: np.ndarray, others: np.ndarray) -> float:
         """Share of the resamples of logs in which sums of squares (logs,) are smaller than others."""
         return float((others[self.draws].sum(axis=1) > squares[self.draws].sum(axis=1)).mean())
-
-    @cached_property
-    def by_short_steps(self) -> "HeldOutGap":
-        """The same by short steps of the simulation."""
-        return self.with_steps(FINE * self.replayer.largest_step_s)
-
-    def with_steps(self, largest_step_s: float) -> "HeldOutGap":
-        """The same with another largest step of the simulation."""
-        replayer = self.replayer.with_steps(largest_step_s)
-        nominal = candidate_squares(self.judged, replayer, [[()] * len(self.judged.logs)])[0]
-        return replace(self, replayer=replayer, nominal=nominal, cache={}, motions={})

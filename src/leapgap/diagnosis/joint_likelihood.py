@@ -1,20 +1,18 @@
 """Likelihood of sets of effects, by replays of whole logs and of short pieces, with what evidence says beforehand."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate, clip_numbers, effects_on_logs
+from leapgap.diagnosis.candidates import clip_numbers, effects_on_logs
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.full_rollouts import EVERY_S
 from leapgap.diagnosis.gap import HeldOutGap, scaled_error
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.log_errors import LogErrors, difference, loss_of, normal_equations
-from leapgap.diagnosis.numbers_beside import NumbersBeside, tolerance_effects
-from leapgap.diagnosis.short_rollouts import FINE, ROUGH, ShortRollouts
-from leapgap.effects.base import Effect
+from leapgap.diagnosis.short_rollouts import ROUGH, ShortRollouts
 
 LOGS_AT_ONCE = 64
 """Whole replays whose motions are in memory at once."""
@@ -99,76 +97,17 @@ class JointLikelihood:
 
     heldout_gap: HeldOutGap
     short: ShortRollouts
-    beside_effects: NumbersBeside | None = None
-    """Numbers beside those of effects; None: what is not in question is taken as it is."""
-    known: dict[int, tuple[Candidate, list[LogErrors]]] = field(default_factory=dict)
-    """Errors by identity of the candidate, whose arrays cannot be hashed."""
-
-    @property
-    def beside(self) -> NumbersBeside:
-        """Numbers beside those of effects."""
-        return NumbersBeside.none(len(self.logs)) if self.beside_effects is None else self.beside_effects
-
-    def with_tolerances(
-        self, candidate: Candidate, tolerances: Mapping[str, float], alone: bool = False
-    ) -> "JointLikelihood":
-        """The same where the model's numbers are known within tolerances, by replays about a candidate.
-
-        ``alone`` as in ``tolerance_effects``: right where the candidate's effects alone are fitted.
-        """
-        acting = [(h.name, h.location) for h in candidate.hypotheses]
-        off = tolerance_effects(self.heldout_gap.judged.robot, tolerances, acting, alone)
-        if not off:
-            return self
-        own = candidate.effects_on
-        sets = [[(*own(log, None), one) for log in self.heldout_gap.names] for one in off]
-        moved = self.errors_of_sets(sets, True, list(self.logs))
-        beside = NumbersBeside.of_tolerances(self.errors_of(candidate), moved, self.heldout_gap.folds)
-        return replace(self, beside_effects=beside)
-
-    def with_step_unknown(self, candidate: Candidate) -> "JointLikelihood":
-        """The same where the simulation's own step is not known to be the robot's, by replays of a candidate.
-
-        A robot has no steps. What those of the simulation do looks like damping and lag, so a share of what shorter
-        ones change is fitted beside the effects at every point. It changes little from robot to robot.
-        """
-        if any(h.kind.change_step is not Effect.change_step for h in candidate.hypotheses):
-            return self
-        usual, by_short = (one.errors_of(candidate) for one in (self, self.by_steps(FINE)))
-        return replace(self, beside_effects=self.beside.with_step(usual, by_short))
-
-    def with_step_known(self) -> "JointLikelihood":
-        """The same by the steps of the simulation as they are."""
-        return replace(self, beside_effects=self.beside.without_step())
-
-    def by_steps(self, share: float) -> "JointLikelihood":
-        """The likelihood by steps of the simulation that are a share of the usual ones."""
-        step_s = share * self.short.replayer.largest_step_s
-        gap = replace(self.heldout_gap, replayer=self.heldout_gap.replayer.with_steps(step_s), cache={}, motions={})
-        return JointLikelihood(gap, self.short.with_steps(step_s))
 
     @property
     def logs(self) -> range:
         """Indices of the logs."""
         return range(len(self.heldout_gap.folds))
 
-    def errors_of(self, candidate: Candidate) -> list[LogErrors]:
-        """Errors of all logs with a candidate, which is replayed once."""
-        if id(candidate) not in self.known:
-            (errors,) = self.errors(candidate.hypotheses, [candidate.numbers], True, list(self.logs))
-            self.known[id(candidate)] = candidate, errors
-        return self.known[id(candidate)][1]
-
     def errors(
         self, hypotheses: tuple[Hypothesis, ...], tried: Sequence[np.ndarray], whole: bool, logs: Sequence[int]
     ) -> list[list[LogErrors]]:
         """Errors ``[tried][log]`` of several vectors of numbers; those of whole replays only where ``whole``."""
-        return self.errors_of_sets(effects_on_logs(hypotheses, tried, self.heldout_gap.names), whole, logs)
-
-    def errors_of_sets(
-        self, sets: Sequence[Sequence[tuple[Effect, ...]]], whole: bool, logs: Sequence[int]
-    ) -> list[list[LogErrors]]:
-        """Errors ``[set][log]`` with effects ``[set][any log]``."""
+        sets = effects_on_logs(hypotheses, tried, self.heldout_gap.names)
         of_whole = self.whole_errors(sets, logs) if whole else [[np.zeros(0)] * len(logs)] * len(sets)
         of_pieces = self.short.residuals(sets, logs)
         return [
@@ -197,34 +136,20 @@ class JointLikelihood:
         """The likelihood by long steps of the simulation; rows that are uneven are simulated as they are."""
         if not all(log.is_even for log in self.heldout_gap.judged.logs):
             return self
-        return self.by_steps(ROUGH)
+        step_s = ROUGH * self.short.replayer.largest_step_s
+        gap = replace(self.heldout_gap, replayer=self.heldout_gap.replayer.with_steps(step_s), cache={}, motions={})
+        return JointLikelihood(gap, self.short.with_steps(step_s))
 
     def loss(self, errors: Sequence[LogErrors], departs: np.ndarray) -> float:
         """Minus the logarithm of the likelihood, up to a constant; ``departs`` from what is expected, scaled."""
-        at, beside = self.at_likeliest(errors)
-        return loss_of(at) + 0.5 * float(departs @ departs + beside @ beside)
-
-    def at_likeliest(self, errors: Sequence[LogErrors]) -> tuple[list[LogErrors], np.ndarray]:
-        """Errors where the numbers beside the effects are at their best, and how far these depart from expected."""
-        numbers = self.beside.likeliest(errors, self.heldout_gap.folds)
-        return self.beside.at(errors, numbers), numbers - self.beside.expected
+        return loss_of(errors) + 0.5 * float(departs @ departs)
 
     def normal(
         self, errors: Sequence[LogErrors], slopes: Sequence[LogErrors], departs: np.ndarray, fold: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Curvature and slope of ``loss`` by the scaled numbers, (numbers, numbers) and (numbers,), without a fold.
-
-        The numbers beside the effects are at their best wherever those of the effects are.
-        """
-        at, of_beside = self.at_likeliest(errors)
-        every = slopes
-        if self.beside.number:
-            every = [of.beside(by) for of, by in zip(slopes, self.beside.changes, strict=True)]
-        curvature, slope = normal_equations(at, every, self.heldout_gap.folds, fold)
-        curvature, slope = curvature + np.eye(len(slope)), slope + np.append(departs, of_beside)
-        own = len(departs)
-        gain = np.linalg.solve(curvature[own:, own:], curvature[own:, :own]).T
-        return curvature[:own, :own] - gain @ curvature[own:, :own], slope[:own] - gain @ slope[own:]
+        """Curvature and slope of ``loss`` by the scaled numbers, (numbers, numbers) and (numbers,), without a fold."""
+        curvature, slope = normal_equations(errors, slopes, self.heldout_gap.folds, fold)
+        return curvature + np.eye(len(slope)), slope + departs
 
     def slopes(
         self, about: Numbers, numbers: np.ndarray, errors: Sequence[LogErrors], whole: bool, logs: Sequence[int]

@@ -26,16 +26,6 @@ class LogErrors:
     pieces: np.ndarray
     """Whitened errors of its short pieces, (pieces, values)."""
 
-    def moved(self, slopes: "LogErrors", by: np.ndarray) -> "LogErrors":
-        """The errors after a step ``by`` (numbers,) along derivatives; whole replays count if they do in the errors."""
-        whole = self.whole + slopes.whole[: len(self.whole)] @ by
-        return LogErrors(whole, self.pieces + slopes.pieces @ by)
-
-    def beside(self, others: "LogErrors") -> "LogErrors":
-        """These derivatives with those by other numbers after them."""
-        whole = np.concatenate([self.whole, others.whole[: len(self.whole)]], axis=1)
-        return LogErrors(whole, np.concatenate([self.pieces, others.pieces], axis=2))
-
 
 def normal_equations(
     errors: Sequence[LogErrors], slopes: Sequence[LogErrors], folds: np.ndarray, fold: int | None = None
@@ -64,12 +54,8 @@ def loss_of(errors: Sequence[LogErrors]) -> float:
     """Minus the logarithm of the likelihood of some errors, up to a constant."""
     values = np.concatenate([of.whole for of in errors])
     whole = independent(len(values)) / ALIKE / 2 * np.log(np.mean(values**2)) if len(values) else 0.0
-    return float(whole + PIECE_VALUES / 2 * np.log(USUAL + chi2_of_pieces(errors)).sum())
-
-
-def chi2_of_pieces(errors: Sequence[LogErrors]) -> np.ndarray:
-    """χ² of the short pieces of all logs over its expectation, (pieces,)."""
-    return np.concatenate([np.mean(of.pieces**2, axis=1) for of in errors])
+    chi2 = np.concatenate([np.mean(of.pieces**2, axis=1) for of in errors])
+    return float(whole + PIECE_VALUES / 2 * np.log(USUAL + chi2).sum())
 
 
 def independent(values: int) -> float:
@@ -81,13 +67,3 @@ def difference(moved: Sequence[np.ndarray], start: np.ndarray, share: np.ndarray
     """Finite differences by several numbers, (…, numbers), scaled by ``share`` (numbers,)."""
     found = [(one - start) * s for one, s in zip(moved, share, strict=True)]
     return np.stack(found, axis=-1) if found else np.zeros((*start.shape, 0))
-
-
-def updated(slopes: LogErrors, before: LogErrors, after: LogErrors, by: np.ndarray) -> LogErrors:
-    """Derivatives of a log after a step ``by`` (numbers,) from errors ``before`` to ``after``, by Broyden's rule."""
-    along = by / max(float(by @ by), 1e-12)
-
-    def one(slope: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-        return np.asarray(slope + (end - start - slope @ by)[..., None] * along)
-
-    return LogErrors(one(slopes.whole, before.whole, after.whole), one(slopes.pieces, before.pieces, after.pieces))

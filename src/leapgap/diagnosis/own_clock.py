@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate, SearchResult
+from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.checks import CheckResult, row_clocks_of
-from leapgap.diagnosis.decision import Conclusion, Judgement
+from leapgap.diagnosis.decision import Conclusion
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
@@ -92,45 +92,3 @@ def own_clock(judged: JudgedLogs, checks: Sequence[CheckResult], sizes: Mapping[
     weights = tuple(before / after for before, after in zip(judged.rows, rows, strict=True))
     own = replace(own, channels=judged.channels, mapped=judged.mapped, row_weights=weights)
     return OwnClock(own, result.clocks or {}, judged.robot)
-
-
-def with_clock_first(judgement: Judgement) -> Judgement:
-    """The judgement with the clock as its first cause, where a check of the logs confirms one that it names.
-
-    Another cause may explain more of short replays, but the clock is told by the logs alone. Where the search did not
-    fit the clock without the causes before it, their numbers are those of the fit with them.
-    """
-    conclusion = judgement.conclusion
-    every = conclusion.steps[-1].hypotheses if conclusion.steps else ()
-    at = next((k for k, hypothesis in enumerate(every) if hypothesis.per_log is not None), 0)
-    if at == 0:
-        return judgement
-    order = [at, *(k for k in range(len(every)) if k != at)]
-    steps = list(conclusion.steps)
-    for number in range(at):
-        wanted = [every[k] for k in order[: number + 1]]
-        steps[number] = fit_of(judgement.result, wanted) or part_of(conclusion.steps[at], wanted)
-    answer = tuple(conclusion.answer[k] for k in order)
-    probabilities = tuple(conclusion.probabilities[k] for k in order)
-    in_order = (part_of(step, [every[k] for k in order[: number + 1]]) for number, step in enumerate(steps))
-    return replace(judgement, conclusion=Conclusion(conclusion.verdict, answer, tuple(in_order), probabilities))
-
-
-def fit_of(result: SearchResult, hypotheses: Sequence[Hypothesis]) -> Candidate | None:
-    """The fit of just these hypotheses, in any order, from a search; None where it tried no such set."""
-    wanted = list(hypotheses)
-    same = (
-        fit
-        for fit in result.rounds[len(wanted) - 1]
-        if all(one in fit.hypotheses for one in wanted) and len(fit.hypotheses) == len(wanted)
-    )
-    return next(same, None)
-
-
-def part_of(fit: Candidate, hypotheses: Sequence[Hypothesis]) -> Candidate:
-    """A candidate with some of the hypotheses of another, in this order, and their numbers there."""
-    places = fit.split(np.arange(len(fit.numbers)))
-    numbers = np.concatenate([places[fit.hypotheses.index(one)] for one in hypotheses])
-    return Candidate(
-        tuple(hypotheses), fit.numbers[numbers], fit.covariance[np.ix_(numbers, numbers)], fit.fold_numbers[:, numbers]
-    )

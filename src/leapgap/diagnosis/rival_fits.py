@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.decision import Judgement
-from leapgap.diagnosis.rival_sets import probability
+from leapgap.diagnosis.decision import Judgement, probability
 
-PLACES, NEAR = 2, 10.0
-"""Number of places at which each open cause is tried, and how near to its best held-out loss they are."""
+PLACES = 2
+"""Number of rivals in the place of one cause that experiments are to tell apart."""
 
 
 @dataclass(frozen=True)
@@ -34,35 +33,17 @@ class Undecided:
 
 
 def undecided_of(judgement: Judgement) -> Undecided:
-    """What a search one by one leaves open.
-
-    Each name stands with its fits at the best few places: a cause at one joint may be told from its rival where the
-    same cause at all joints is not.
-    """
+    """What a search for one cause leaves open: each rival stands in the place of the cause, where it fits best."""
     if not judgement.conclusion.answer:
         return Undecided()
     selected, result = judgement.selected, judgement.result
     names = next((names for names in judgement.conclusion.answer if len(names) > 1), ())
-    found = [Rival(selected.names[0], selected)] if selected.hypotheses else []
-    if names and names[0] in selected.names:
-        own = names[0]
-        found[0] = Rival(own, selected)
-        found += [Rival(name, fit) for name in names for fit in near_fits(judgement, own, name)[:PLACES]]
+    found = [Rival(names[0] if names else selected.names[0], selected)]
+    for name in names[1:]:
+        single = next(fit for fit in result.singles if fit.names == (name,))
+        found.append(Rival(name, in_place_of(selected, names[0], single)))
     share = max((probability(name, result, judgement.shares) for name in names[1:]), default=0.0)
     return Undecided(names, tuple(Rival(one.name, without_clocks(one.fit)) for one in found), share)
-
-
-def near_fits(judgement: Judgement, own: str, name: str) -> list[Candidate]:
-    """Fits of the answer's causes with ``name`` in place of ``own``, best first, the answer itself left out."""
-    selected, result = judgement.selected, judgement.result
-    wanted = sorted({*selected.names, name} - ({own} - {name}))
-    fits = [fit for fit in result.rivals if sorted(fit.names) == wanted and fit.hypotheses != selected.hypotheses]
-    best = min((float(fit.heldout.sum()) for fit in fits), default=0.0)
-    near: list[Candidate] = [fit for fit in fits if fit.heldout.sum() < best + NEAR]
-    if near or name == own:
-        return near
-    singles = [fit for fit in result.alternatives if fit.names == (name,)]
-    return [in_place_of(selected, own, fit) for fit in singles[:1]]
 
 
 def in_place_of(answer: Candidate, own: str, single: Candidate) -> Candidate:

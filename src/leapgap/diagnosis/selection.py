@@ -1,4 +1,4 @@
-"""Selection of effects: sets of hypotheses are fitted to short rollouts of some logs and judged on the others.
+"""Selection of one effect: hypotheses are fitted to short rollouts of some logs and judged on the others.
 
 Every hypothesis is tried in the linear model of the sensitivities. The most promising ones are fitted to replays of
 their own (Gauss–Newton with Broyden's updates of the derivatives), several in one batch. Nuisances are fitted for the
@@ -24,8 +24,6 @@ TRIALS = (0.4, 2.5)
 """Sizes, in moderate departures, at which an effect at all places is simulated beside the linear model."""
 REGROUPED = 3
 """So many of the best effects are simulated at groups of places as well."""
-REPLACED = 2
-"""So many sets with one effect at another place are fitted."""
 LINEAR_ITERATIONS = 4
 MOST_SURPRISE = 30.0
 """Upper limit of the loss of a piece above its fitted loss when it is held out; usual losses are a few units."""
@@ -46,37 +44,29 @@ class LinearGuess:
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Width of the search, and thresholds for a further cause."""
+    """Width of the search, and thresholds for a cause."""
 
     shortlist: int = 8
-    """Number of sets fitted to replays of their own in the first round; half as many in later rounds."""
+    """Number of hypotheses fitted to replays of their own; half as many again about the best of them."""
     per_effect: int = 3
-    """Largest number of those sets with one effect at different places; later rounds try each set of effects once, at
-    its best places."""
+    """Largest number of those with one effect at different places."""
     steps: int = 8
     """Largest number of Gauss–Newton steps; most sets converge earlier."""
     promising: int = 7
     """Number of effects that, by half of the evidence, explain most after the first; they are tried in all of it."""
-    beams: int = 2
-    """Number of sets of a round that the next round extends."""
-    most_causes: int = 4
     least_gain: float = 20.0
     """Smallest gain of log likelihood of a cause on held-out logs; on logs without any gap it is up to 17."""
-    least_further_gain: float = 60.0
-    """Smallest gain of a further cause; errors in the simulation of the first cause give gains of up to 50."""
-    least_share: float = 0.015
-    """Smallest gain of a cause as a share of the gain of all causes together."""
     least_agree: float = 0.75
     """Smallest share of the logs on which a cause must have a positive gain."""
 
     def __post_init__(self) -> None:
         """Refuse a search that tries nothing."""
-        for name in ("shortlist", "per_effect", "steps", "promising", "beams", "most_causes"):
+        for name in ("shortlist", "per_effect", "steps", "promising"):
             if getattr(self, name) < 1:
                 raise InputError(f"settings.plan.{name}", f"{getattr(self, name)}", "1 or more", "correct it")
 
 
-def find_causes(
+def find_cause(
     whole: ShortRollouts,
     coarse: ShortRollouts,
     hypotheses: Sequence[Hypothesis],
@@ -92,15 +82,15 @@ def find_causes(
     first = Search(Sensitivities.of(coarse, hypotheses, tolerances), fold_of_log, plan, progress)
     singles = first.singles(hypotheses)
     sensible = [fit for fit in singles if fit.sensible]
-    if sensible and first.is_convincing(sensible[0], first.nominal):
+    if sensible and first.is_convincing(sensible[0]):
         best, refined = sensible[0], sensible[: (plan.shortlist + 1) // 2]
         around = list(zip(best.hypotheses, best.split(), strict=True))
         names = {*first.rank_effects(best, hypotheses), *(fit.names[0] for fit in refined)}
         hopeful = [h for h in hypotheses if h.name in names]
         search = Search(Sensitivities.of(whole, hopeful, tolerances, around), fold_of_log, plan, progress)
-        return search.select_forward(hopeful, search.refit(refined))
+        return search.select(search.refit(refined))
     search = Search(Sensitivities.of(whole, hypotheses, tolerances), fold_of_log, plan, progress)
-    return search.select_forward(hypotheses, search.singles(hypotheses))
+    return search.select(search.singles(hypotheses))
 
 
 @dataclass
@@ -121,11 +111,11 @@ class Search:
         """Fits of single effects, the most promising ones, best on held-out logs first."""
         everywhere = [h for h in hypotheses if h.location == "all"]
         guesses = [*self.guess_sizes(everywhere), *self.guess_linear(self.nominal, hypotheses)]
-        fits = self.fit_promising(guesses, self.plan.shortlist, self.nominal)
+        fits = self.fit_promising(guesses, self.plan.shortlist)
         elsewhere = self.guess_sizes(self.at_groups(fits, hypotheses))
         return tuple(
             sorted(
-                [*fits, *self.fit_promising(elsewhere, self.plan.per_effect, self.nominal)],
+                [*fits, *self.fit_promising(elsewhere, self.plan.per_effect)],
                 key=lambda fit: fit.heldout.sum(),
             )
         )
@@ -148,70 +138,19 @@ class Search:
 
     def refit(self, fits: Sequence[Fit]) -> tuple[Fit, ...]:
         """Fits of the same sets on this evidence, starting from the given fits."""
-        return self.fit_promising(
-            [LinearGuess(f.hypotheses, f.numbers, f.heldout.sum()) for f in fits], len(fits), self.nominal
-        )
+        return self.fit_promising([LinearGuess(f.hypotheses, f.numbers, f.heldout.sum()) for f in fits], len(fits))
 
-    def select_forward(self, hypotheses: Sequence[Hypothesis], first: tuple[Fit, ...]) -> SearchResult:
-        """Forward selection from the best of the first fits, while further hypotheses gain on held-out logs."""
-        selected, rounds, fits = self.nominal, [], first
-        while fits:
-            rounds.append(fits)
-            sensible = [fit for fit in fits if fit.sensible]
-            if not sensible or not self.is_convincing(sensible[0], selected):
-                break
-            if (better := self.at_better_places(sensible[0], hypotheses)) is not None:
-                rounds = [*self.with_parts(rounds, better), (better, *fits)]
-                sensible.insert(0, better)
-            selected = sensible[0]
-            if len(rounds) >= self.plan.most_causes:
-                break
-            further = [g for beam in sensible[: self.plan.beams] for g in self.guess_linear(beam, hypotheses)]
-            fits = self.fit_promising(further, (self.plan.shortlist + 1) // 2, selected)
+    def select(self, singles: tuple[Fit, ...]) -> SearchResult:
+        """The best of the fits of single effects, where it gains enough on held-out logs."""
+        sensible = [fit for fit in singles if fit.sensible]
         return SearchResult(
             self.nominal,
-            selected,
-            tuple(rounds),
+            sensible[0] if sensible and self.is_convincing(sensible[0]) else self.nominal,
+            singles,
             self.evidence.log_of_piece,
             self.nominal.columns.shape[1],
-            self.profiles(first),
-            self.evidence,
-            self.sensitivities.nuisances,
+            self.profiles(singles),
         )
-
-    def at_better_places(self, fit: Fit, hypotheses: Sequence[Hypothesis]) -> Fit | None:
-        """The fit with one of its effects at another place, if that is better; else None.
-
-        An effect is placed while the others are not known yet, and they may look like it elsewhere.
-        """
-        if len(fit.hypotheses) < 2:
-            return None
-        tried = [
-            ((*fit.hypotheses[:k], other, *fit.hypotheses[k + 1 :]), fit.numbers)
-            for k, own in enumerate(fit.hypotheses)
-            for other in hypotheses
-            if other.name == own.name and other.location != own.location and other.allows(fit.split()[k])
-        ]
-        guesses = [
-            LinearGuess(*one, self.loss_of(errors)) for one, errors in zip(tried, self.residuals(tried), strict=True)
-        ]
-        others = self.fit_nonlinear(sorted(guesses, key=lambda guess: guess.loss)[:REPLACED], self.nominal.loss)
-        better = [one for one in others if one.sensible and one.heldout.sum() < fit.heldout.sum() - SETTLED]
-        for one in better:
-            self.progress(
-                f"at another place, {in_words(one)}: gain {self.nominal.heldout.sum() - one.heldout.sum():.0f}"
-            )
-        return min(better, key=lambda one: one.heldout.sum(), default=None)
-
-    def with_parts(self, rounds: Sequence[tuple[Fit, ...]], whole: Fit) -> list[tuple[Fit, ...]]:
-        """The rounds before that of a fit, with fits of its first one, two, … effects where they have none."""
-        found = list(rounds[: len(whole.hypotheses) - 1])
-        for k, own in enumerate(found):
-            first = whole.hypotheses[: k + 1]
-            if not any(fit.hypotheses == first for fit in own):
-                guess = LinearGuess(first, np.concatenate(whole.split()[: k + 1]), 0.0)
-                found[k] = (*own, *self.fit_nonlinear([guess], self.nominal.loss))
-        return found
 
     def profiles(self, fits: Sequence[Fit]) -> tuple[ProfileLikelihood, ...]:
         """Profile likelihood of each effect at its best place."""
@@ -233,34 +172,29 @@ class Search:
             losses.append(products.penalised_loss(products.fit(prior, self.all_pieces), prior))
         return ProfileLikelihood(hypothesis, values, np.array(losses) - min(losses))
 
-    def fit_promising(self, guesses: Sequence[LinearGuess], most: int, before: Fit) -> tuple[Fit, ...]:
+    def fit_promising(self, guesses: Sequence[LinearGuess], most: int) -> tuple[Fit, ...]:
         """Fit the most promising guesses; best on held-out logs first."""
-        fits = sorted(self.fit_nonlinear(self.shortlist(guesses, most), before.loss), key=lambda fit: fit.heldout.sum())
+        fits = sorted(self.fit_nonlinear(self.shortlist(guesses, most)), key=lambda fit: fit.heldout.sum())
         for fit in fits[:3]:
             self.progress(f"{in_words(fit)}: gain {self.nominal.heldout.sum() - fit.heldout.sum():.0f}")
         return tuple(fits)
 
     def shortlist(self, guesses: Sequence[LinearGuess], most: int) -> list[LinearGuess]:
-        """The best guesses by their loss: each set once, and a limited number of the same effects."""
-        kept: dict[frozenset[Hypothesis], LinearGuess] = {}
-        of_effects = Counter[frozenset[str]]()
+        """The best guesses of single effects by their loss: each once, and a limited number of the same effect."""
+        kept: dict[Hypothesis, LinearGuess] = {}
+        of_effect = Counter[str]()
         for guess in sorted(guesses, key=lambda g: g.loss):
-            key, effects = frozenset(guess.hypotheses), frozenset(h.name for h in guess.hypotheses)
-            many = self.plan.per_effect if len(effects) == 1 else 1
-            if key not in kept and of_effects[effects] < many and len(kept) < most:
-                kept[key] = guess
-                of_effects[effects] += 1
+            (h,) = guess.hypotheses
+            if h not in kept and of_effect[h.name] < self.plan.per_effect and len(kept) < most:
+                kept[h] = guess
+                of_effect[h.name] += 1
         return list(kept.values())
 
-    def is_convincing(self, fit: Fit, before: Fit) -> bool:
-        """Whether a further cause gains enough on held-out logs."""
+    def is_convincing(self, fit: Fit) -> bool:
+        """Whether a cause gains enough on held-out logs."""
         log = self.evidence.log_of_piece
-        gains = np.bincount(log, before.heldout - fit.heldout)[np.unique(log)]  # not every log need have a piece
-        gain = gains.sum()
-        whole = (self.nominal.heldout - fit.heldout).sum()
-        plan = self.plan
-        least = plan.least_further_gain if before.hypotheses else plan.least_gain
-        return bool(gain > least and gain > plan.least_share * whole and (gains > 0).mean() >= plan.least_agree)
+        gains = np.bincount(log, self.nominal.heldout - fit.heldout)[np.unique(log)]  # not every log need have a piece
+        return bool(gains.sum() > self.plan.least_gain and (gains > 0).mean() >= self.plan.least_agree)
 
     @property
     def all_pieces(self) -> np.ndarray:
@@ -317,8 +251,9 @@ class Search:
             )
         return found
 
-    def fit_nonlinear(self, guesses: Sequence[LinearGuess], before: float) -> list[Fit]:
-        """Fit sets of hypotheses to their own replays, all in one batch; ``before`` is the loss to be lowered."""
+    def fit_nonlinear(self, guesses: Sequence[LinearGuess]) -> list[Fit]:
+        """Fit sets of hypotheses to their own replays, all in one batch."""
+        before = self.nominal.loss
         fits = [GaussNewtonFit(g.hypotheses, g.numbers, g.numbers) for g in guesses]
         for step in range(self.plan.steps):
             active = [d for d in fits if not d.done]

@@ -4,8 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from leapgap.diagnosis.decision import DecisionThresholds
-from leapgap.diagnosis.full_rollouts import FullRolloutSettings
+from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.joint_fit import JointFitSettings
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.diagnosis.selection import SearchSettings
@@ -64,10 +63,8 @@ class Settings:
     where_horizon_s: float = 0.1
     clock_threshold: float = 0.02
     even_threshold: float = 0.012
-    whole: FullRolloutSettings = field(default_factory=FullRolloutSettings)
-    """Settings of the search in full rollouts, used where a confirmed cause leaves most of the gap."""
     joint: JointFitSettings = field(default_factory=JointFitSettings)
-    """Settings of the fit of all effects together, used where a search one by one leaves much of the gap."""
+    """Settings of the fit of all effects together, used in logs with uneven time stamps."""
     outside: OutsideForceSettings = field(default_factory=OutsideForceSettings)
     """Settings of the search for external forces; samples in which they act are left out."""
     best: bool = True

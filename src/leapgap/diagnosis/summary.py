@@ -86,12 +86,6 @@ def sentence(
 ) -> str:
     """The report in one sentence, with numbers; ``floor`` is the gap that noise alone makes of whole logs."""
     verdict, answer, closes = conclusion.verdict, conclusion.answer, corrected.closure
-    if conclusion.other_simulation:
-        words, gap = conclusion.other_simulation.words, conclusion.other_simulation.gap
-        return (
-            f"These {len(logs)} logs show no fault of the robot: the gap of {brief(nominal)} comes from the settings "
-            f"of the simulation, and is {brief(gap)} with {listed(words)} alone."
-        )
     if verdict == "none" and nominal > FAR * floor:
         return (
             f"These {len(logs)} logs show no fault of the robot: in short replays the simulation agrees with them "

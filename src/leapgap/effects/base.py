@@ -246,10 +246,6 @@ class Effect(ABC):
     """Whether it acts in the joint PD, which a model of the robot alone does not hold."""
     beside_clock: ClassVar[bool] = False
     """Whether it is looked for in logs that are judged by a clock of their own, though not by default."""
-    in_joint_fit: ClassVar[bool] = False
-    """Whether a fit of all effects together looks for it on a robot without a free base, though not by default."""
-    beside_joint_fit: ClassVar[bool] = False
-    """Whether it is looked for beside the answer of such a fit: it can do what several do, and would hide them."""
     has_rotors: ClassVar[bool] = False
     """Whether it puts rotors beside joints (``robot.rotors``), whose first states follow from those of the joints."""
     along_joints: ClassVar[bool] = False
@@ -406,14 +402,6 @@ class Effect(ABC):
 
     def put_controls(self, control: np.ndarray, load: Load, model: mujoco.MjModel, robot: Robot) -> None:  # noqa: B027
         """Put the controls of actuators that ``change_spec`` has added into all controls, (steps, controls)."""
-
-    def is_undone_by(self, others: "Iterable[Effect]", robot: Robot) -> bool:
-        """Whether other effects of a set undo it, so that the two are no causes but the form of one."""
-        return False
-
-    def is_against(self, other: "Effect", robot: Robot) -> bool:
-        """Whether another effect acts against it at the same place, so that logs tell little but the two together."""
-        return False
 
     def change_measured(self, motion: Motion, period_s: float, robot: Robot) -> Motion:
         """The motion that the log reports when ``motion`` is the true one.

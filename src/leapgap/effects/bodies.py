@@ -275,7 +275,6 @@ class LinkInertia(InertialEffect):
     name = "link_inertia"
     words = "rotational inertia of the links"
     by_default = False
-    in_joint_fit = True
     places = "joints"
 
     scale: float = parameter(1.0, "1", 0.1, 5.0, 1.5)
@@ -306,7 +305,6 @@ class LinkPayload(InertialEffect):
     name = "link_payload"
     words = "payload at a link"
     by_default = False
-    beside_joint_fit = True
     places = "joints"
 
     mass_kg: float = parameter(0.0, "kg", -inf, inf, 0.2)

@@ -1,6 +1,6 @@
 """Friction, damping and rotor inertia at the joints, and torques that make up for friction."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import inf
 
@@ -91,8 +91,6 @@ class QuadraticDamping(AddedToJoints):
 
 LARGEST_SHARE, MODERATE_SHARE = 0.05, 0.01
 """Limit of the search and noticeable value, as shares of the largest torque of the motors."""
-MOST_FRICTION = 1.25
-"""Friction that is larger than the torque by this factor is friction of another law, and nothing makes up for it."""
 FADES_RAD_S = 0.02
 """Below such speeds the torque fades out, as controllers let it lest it chatter."""
 
@@ -104,7 +102,6 @@ class FrictionCompensation(MotorEffect):
     name = "friction_compensation"
     words = "friction compensation missing from the log"
     by_default = False
-    in_joint_fit = True
 
     torque_nm: float = parameter(0.0, "N·m", 0.0, 2.0, 0.2, limits=(-np.inf, np.inf))
 
@@ -130,25 +127,6 @@ class FrictionCompensation(MotorEffect):
         torque = np.zeros_like(velocity)
         torque[:, at] = self.torque_nm * np.tanh(velocity[:, at] / FADES_RAD_S)
         return torque
-
-    def is_undone_by(self, others: Iterable[Effect], robot: Robot) -> bool:
-        """Whether the joints still have clearly more friction, by the model and other effects."""
-        friction = np.zeros(len(robot.joints))
-        friction += robot.model.dof_frictionloss[robot.joint_dofs]
-        for other in others:
-            if isinstance(other, JointFriction):
-                friction[robot.joints_at(other.location)] += other.torque_nm
-        return bool(friction[robot.joints_at(self.location)].mean() > MOST_FRICTION * self.torque_nm)
-
-    def is_against(self, other: Effect, robot: Robot) -> bool:
-        """Whether the other is more friction, or less of it, at a joint that this torque helps, or hinders.
-
-        Where both are larger by the same, a joint moves as before; only how it sticks at rest differs, which a
-        simulation of friction knows least.
-        """
-        if not isinstance(other, JointFriction) or self.torque_nm * other.torque_nm <= 0:
-            return False
-        return bool(set(robot.joints_at(self.location)) & set(robot.joints_at(other.location)))
 
 
 CREEP_RAD_S = 0.05

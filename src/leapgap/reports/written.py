@@ -88,7 +88,7 @@ def effect_rows(robot: Robot | None) -> list[tuple[str, ...]]:
     for kind in effects.known().values():
         missing = None if robot is None else kind.lacks(robot)
         places = {"none": "the robot"}.get(kind.places, kind.places)
-        what = effects.describe(kind) + when_looked_for(kind, robot)
+        what = effects.describe(kind) + when_looked_for(kind)
         if robot is not None and missing is None:
             of_robot = {
                 p.name: (f"{p.nominal:g}", f"{p.lower + 0.0:.3g} to {p.upper:.3g}") for p in kind.parameters(robot)
@@ -103,10 +103,9 @@ def effect_rows(robot: Robot | None) -> list[tuple[str, ...]]:
     return rows
 
 
-def when_looked_for(kind: type[Effect], robot: Robot | None) -> str:
-    """What stands behind an effect that a search one by one has only where it is named; nothing behind the others."""
+def when_looked_for(kind: type[Effect]) -> str:
+    """What stands behind an effect that is not among the usual ones; nothing behind the others."""
     if kind.by_default:
         return ""
-    together = robot is not None and not robot.has_free_base and (kind.in_joint_fit or kind.beside_joint_fit)
-    also = ", or with several causes" if together else ", or with uneven time stamps" if kind.beside_clock else ""
+    also = ", or with uneven time stamps" if kind.beside_clock else ""
     return f" (searched if named{also})"
