@@ -201,6 +201,11 @@ class Robot:
         return bool(self.model.njnt > 0 and self.model.jnt_type[0] == int(mujoco.mjtJoint.mjJNT_FREE))
 
     @property
+    def stands(self) -> bool:
+        """Whether it may stand: it has feet, and its base is not held."""
+        return bool(self.feet) and self.has_free_base
+
+    @property
     def is_free_body(self) -> bool:
         """Whether it is one body that flies, falls and slides, without joints and motors."""
         return self.has_free_base and self.model.njnt == 1

@@ -178,7 +178,7 @@ class Intervals:
         for own in states:
             ends = interval_ends(own.log, interval_s)
             count = len(ends) - 1
-            most_s = MOST_WITH_FEET_S if replayer.robot.feet else MOST_S
+            most_s = MOST_WITH_FEET_S if replayer.robot.stands else MOST_S
             most = most_s / len(states) / np.round(np.diff(own.log.time[ends]).mean(), 9)
             length = int(np.clip(most, LEAST_SEGMENT, SEGMENT))
             parts = np.array_split(np.arange(count), max(1, -(-count // length)))
@@ -284,7 +284,7 @@ class Intervals:
         acting, begins = self.acting[log], self.courses[log].begins
         late, before = self.misreported(log, effects), self.misreported(log, acting)
         memory = self.has_memory(log, effects) or self.has_memory(log, acting)
-        if not memory and not self.robot.feet:
+        if not memory and not self.robot.stands:
             return tangent_difference(self._reached(log, effects, late), self.predicted[log], self.robot)
         if moving(effects) == moving(acting):
             change = np.zeros((self.courses[log].intervals, 2 * self.robot.model.nv))

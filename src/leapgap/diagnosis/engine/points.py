@@ -223,7 +223,7 @@ class Bench:
     @cached_property
     def otherwise(self) -> tuple[SimulationSettings, ...]:
         """Settings of a robot with feet that may be others: no log tells how a controller computes its joint PD."""
-        if not self.robot.feet:
+        if not self.robot.stands:
             return ()
         gains = [joint_commands(own.log, self.robot, "cmd_kd").max(axis=0) for own in self.states]
         other = otherwise_integrated(self.robot, np.max(gains, axis=0), self.replayer.largest_step_s)
@@ -242,7 +242,7 @@ class Bench:
     @cached_property
     def of_feet(self) -> list[str]:
         """Effects whose columns are told by references that follow the logs."""
-        return [name for name, h in self.kinds.items() if self.robot.feet and meets_ground(h.kind)]
+        return [name for name, h in self.kinds.items() if self.robot.stands and meets_ground(h.kind)]
 
     def nominal(self, wrong_zero: float = 0.0, simulation: tuple[SimulationSettings, ...] = ()) -> Point:
         """The nominal robot by some simulation; ``wrong_zero`` as in ``linearised``."""
@@ -295,7 +295,7 @@ class Bench:
                     found[i] = float(size)
         quarter, present = QUARTER * self.states[0].log.info.sample_period_s, {key.effect for key in columns.keys}
         step = 0.0 if any(overrides(h.kind, "change_step") for h in self.hypotheses) else 1.0
-        half_step = [0.5 * self.replayer.own_step_s] if self.robot.feet else []
+        half_step = [0.5 * self.replayer.own_step_s] if self.robot.stands else []
         others = [step, *half_step, *[1.0] * len(self.otherwise)]
         further = [quarter for name in LATE if name in present] + others
         found |= {len(columns.keys) + k: size for k, size in enumerate(further) if size > 0}
@@ -318,7 +318,7 @@ class Bench:
         none = [np.zeros_like(own.close) for own in intervals.courses]
         pairs = zip(intervals.by_short_steps.with_close(none).predicted, intervals.predicted, strict=True)
         found = [[tangent_difference(a, b, self.robot)] for a, b in pairs]
-        if self.robot.feet:
+        if self.robot.stands:
             sets = [[(*own, other) for own in intervals.acting] for other in self.otherwise]
             others = intervals.changes(sets, linearisation.transitions)
             for change in (late_feedback(intervals, linearisation), *others):
@@ -356,7 +356,7 @@ class Bench:
                 continue
             ladder = everywhere.ladder
             sets = [[(*own, everywhere.on(log, numbers)) for own, log in of_logs] for numbers in ladder]
-            apart = of_kind.kind.along_joints and not self.robot.feet
+            apart = of_kind.kind.along_joints and not self.robot.stands
             at = places(of_kind.kind, self.robot)
             found: list[tuple[Hypothesis, np.ndarray]] = []
             columns: list[list[np.ndarray]] = []
@@ -385,7 +385,7 @@ class Bench:
 
     def glances(self, near: Point, sets: Sequence[Acting], levels: np.ndarray | None = None) -> list[float]:
         """The same of several robots; those with feet are followed side by side, at ``levels`` if these are given."""
-        if not (self.robot.feet and sets):
+        if not (self.robot.stands and sets):
             return [self.glance(near, own) for own in sets]
         errors, basis = self.errors_of(near.intervals, near.basis, sets), near.basis
         points = Evidence.of_each_error(basis.blocks, errors, basis.of_nuisances, basis.products)
@@ -413,7 +413,7 @@ class Bench:
                 changed[k] += size
                 sets.append((*acting[:m], (h, changed), *acting[m + 1 :]))
                 sizes.append(size)
-        if self.robot.feet:
+        if self.robot.stands:
             return Point.of(acting, here, basis, errors, self.by_following(here, basis, errors, sets, sizes))
         changes = here.changes([on_logs(here, own) for own in sets], basis.linearisation.transitions)
         slopes = [

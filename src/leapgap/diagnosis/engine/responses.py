@@ -163,7 +163,7 @@ class Columns:
         kinds = {h.name: h for h in hypotheses}
         members = {(name, at): of for name, h in kinds.items() for at, of in places(h.kind, robot).items()}
         context, ends = force_context(intervals), np.cumsum([own.intervals for own in intervals.courses])
-        by_row = row_contexts(intervals) if robot.feet else []
+        by_row = row_contexts(intervals) if robot.stands else []
         keys: list[ColumnKey] = []
         found: list[Sequence[np.ndarray]] = []
         replayed: list[tuple[list[int], Hypothesis, int]] = []
@@ -179,7 +179,7 @@ class Columns:
                 assert known is not None
                 found += [[own[:, :, known.keys.index(key)] for own in known.values] for key in new]
                 continue
-            by_replay = not robot.feet and (h.kind.along_joints or overrides(h.kind, "change_measured"))
+            by_replay = not robot.stands and (h.kind.along_joints or overrides(h.kind, "change_measured"))
             motion = by_row if h.kind.along_joints else [(context, None)]
             forces = None if by_replay else closed_form(h.kind, single, motion)
             if forces is not None:
@@ -246,7 +246,7 @@ def departure(hypothesis: Hypothesis, number: int) -> float:
     """A moderate departure from nominal; a small one of what changes the contacts of feet, far from linear in it."""
     kind = hypothesis.kind
     changed = any(overrides(kind, method) for method in ("change_model", "change_spec"))
-    return float(hypothesis.moderate[number] * (LITTLE if changed and hypothesis.robot.feet else 1.0))
+    return float(hypothesis.moderate[number] * (LITTLE if changed and hypothesis.robot.stands else 1.0))
 
 
 def shared(change: np.ndarray, responses: np.ndarray) -> np.ndarray:

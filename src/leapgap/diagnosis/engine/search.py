@@ -171,7 +171,7 @@ class Search:
         """
         start = self.judge(self.bench.nominal())
         answer, other = self.ascend(start), start
-        if answer.unexplained and self.bench.robot.feet:
+        if answer.unexplained and self.bench.robot.stands:
             looser = self.judge(self.bench.nominal(WRONG_ZERO_RAD, answer.simulation))
             other = self.ascend(looser) if looser.unnamed < start.unnamed else start
         elif answer.unexplained:
@@ -189,7 +189,7 @@ class Search:
         What moves feet comes first where those that stand are not on the ground: there, nothing else has its contacts.
         """
         while len(now.members) < self.most:
-            tried = self.planted(now) if now.unexplained and self.bench.robot.feet else []
+            tried = self.planted(now) if now.unexplained and self.bench.robot.stands else []
             if all(one.worth <= now.worth for one in tried):
                 tried = self.by_columns(now)
             simulated = self.otherwise_simulated(now, tried)
@@ -282,7 +282,7 @@ class Search:
         gains = [one.worth - now.worth for one in linear]
         sets = [one.acting for one in linear]
         looks_far, nearer = now.unnamed > SOME or max(gains, default=0.0) > 0, []
-        if looks_far or self.bench.robot.feet:
+        if looks_far or self.bench.robot.stands:
             part = self.part(now.point)
             nearer = self.touching(now, part)
         if looks_far:
@@ -339,7 +339,7 @@ class Search:
         Contacts are far from linear: a foot that sinks in further meets the ground earlier.
         """
         known, found = {h.name for h in now.members}, []
-        for h in self.bench.hypotheses if self.bench.robot.feet else ():
+        for h in self.bench.hypotheses if self.bench.robot.stands else ():
             if h.location != "all" or h.name in known or not changes_contacts(h):
                 continue
             sets = [(*now.acting, (h, h.nominal * by)) for by in FACTORS]
@@ -357,7 +357,7 @@ class Search:
         No robot is as its simulation in how contacts are computed. What a friction cone or an impedance changes at the
         edge of slipping is far from linear: where softer friction helps at a glance, everything is linearised anew.
         """
-        if not (now.unexplained and self.bench.robot.feet):
+        if not (now.unexplained and self.bench.robot.stands):
             return now
         (settings,) = now.simulation or (SimulationSettings(),)
         others = [
@@ -424,7 +424,7 @@ class Search:
             acting = found.acting
             before = np.concatenate([n for _, n in acting])
             found = self.moved(found.point, acting)
-            found = self.stretched_step(found, before) if self.bench.robot.feet else found
+            found = self.stretched_step(found, before) if self.bench.robot.stands else found
             step = found.numbers - before
             if 0.5 * step @ np.linalg.solve(found.covariance, step) < SETTLED:
                 break

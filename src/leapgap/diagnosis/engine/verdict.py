@@ -154,12 +154,12 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
         for m, own in zip(order, rivals, strict=True)
     )
     steps = [candidate_of(found, order[: k + 1]) for k in range(len(order))]
-    if explained and not search.bench.robot.feet:  # whole logs of feet are chaotic
+    if explained and not search.bench.robot.stands:  # whole logs of feet are chaotic
         steps[-1] = by_whole_logs(steps[-1], gap)
     (figures,) = gap.figures([steps[-1]])
     numbers = Numbers(found.predictive - start.predictive, u, before, float(d), figures.closure.value, blocks)
     # Whole logs of feet are chaotic: there, a set closes nothing where it surely does not.
-    closes = figures.closure.high if search.bench.robot.feet else figures.closure.value
+    closes = figures.closure.high if search.bench.robot.stands else figures.closure.value
     if gap.has_gap and closes < LEAST_CLOSURE:
         return EvidenceJudgement(without, nominal, others(start), numbers, *as_it_is)
     if why := refusal(found, explained, numbers.g, figures, gap):

@@ -304,7 +304,7 @@ class Following:
         And what short steps change there, (chunks, 2 nv): the log's own simulation, or the foot, has other ones.
         """
         reached, close = self.usual.reach(k, order, self.state[order], forces), np.zeros(len(order), bool)
-        if self.intervals.robot.feet:
+        if self.intervals.robot.stands:
             before = Motion.of_states(self.state[order], self.intervals.robot.model.nq)
             pairs = zip(*(self.usual.touching(k, order, states) for states in (before, reached)), strict=True)
             close = np.array([a[0] != b[0] or a[1] or b[1] for a, b in pairs])
@@ -351,7 +351,7 @@ class Following:
 
 def zero_entries(intervals: Intervals) -> np.ndarray:
     """Entries of the state whose sensors may have a wrong zero while a log is followed: joints of a robot with feet."""
-    if not intervals.robot.feet:
+    if not intervals.robot.stands:
         return np.zeros(0, int)
     return np.intersect1d(intervals.robot.joint_dofs, intervals.channels.state_entries)
 
