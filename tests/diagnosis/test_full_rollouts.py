@@ -5,7 +5,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.closure import resamples
-from leapgap.diagnosis.full_rollouts import Errors, FullRollouts, FullRolloutSettings, Slopes
+from leapgap.diagnosis.full_rollouts import Errors, FullRollouts, Slopes
 from leapgap.diagnosis.gap import HeldOutGap, candidate_squares
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
@@ -28,9 +28,7 @@ def test_a_displaced_mass_is_found_beside_a_slow_clock(robot: Robot, reference: 
     both = tuple(list_hypotheses(["sample_period", "com_offset"], robot, clock))
     nominal = candidate_squares(judged, replayer, [[()] * JUMPS])[0]
     draws = resamples(JUMPS, 200, np.random.default_rng(0))
-    whole = FullRollouts(
-        HeldOutGap(judged, replayer, folds, nominal, np.full(JUMPS, 1.0), draws), FullRolloutSettings()
-    )
+    whole = FullRollouts(HeldOutGap(judged, replayer, folds, nominal, np.full(JUMPS, 1.0), draws))
     alone = whole.fit(both[:1], np.array([1.0]))
     fit = whole.fit(both, np.concatenate([alone.numbers, both[1].nominal]))
     (share,), offset = fit.split()

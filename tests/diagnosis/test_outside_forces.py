@@ -25,7 +25,7 @@ from leapgap.diagnosis.outside_forces.explained import unexplained
 from leapgap.diagnosis.outside_forces.inverse_dynamics import Instants, inverse_dynamics, without_constraints
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.outside_forces.residuals import Residual, Residuals, stops
-from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces
+from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces, without_moments
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.friction import JointDamping
@@ -54,7 +54,8 @@ def a1() -> Robot:
 
 def find(logs: Sequence[Log], robot: Robot, remove: bool = True) -> OutsideForces:
     settings = OutsideForceSettings(remove=remove)
-    return find_outside_forces(JudgedLogs.of(logs, robot), Replayer(robot, threads=1), settings)
+    judged = JudgedLogs.of(logs, robot)
+    return without_moments(find_outside_forces(judged, Replayer(robot, threads=1), settings), judged, settings)
 
 
 def assert_are(found: Sequence[OutsideForce], pushes: Sequence[Push], of_logs: str) -> None:

@@ -10,7 +10,7 @@ import pytest
 from leapgap.diagnosis.checks import clocks as local
 from leapgap.diagnosis.checks.free_fall import GRAVITY, FreeFall
 from leapgap.diagnosis.checks.planted_feet import PlantedFeet
-from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
+from leapgap.diagnosis.full_rollouts import FullRollouts
 from leapgap.diagnosis.short_rollouts import Pieces, StateChannels
 from leapgap.jumping.task import ContactSchedule, Target, jump_info, schedule_of
 from leapgap.logs.log import Log
@@ -97,7 +97,7 @@ def test_a_piece_starts_within_9_ms_of_smoothing(robot: Robot, rate_hz: int) -> 
 def test_whole_jumps_are_compared_every_20_ms(robot: Robot, rate_hz: int, values: int) -> None:
     jumps = [log(robot, rate_hz, 1.0).first_rows(rate_hz)] * 2
     judged = SimpleNamespace(logs=jumps, rows=[len(jump) for jump in jumps], channels=["x", "z", "pitch"])
-    whole = FullRollouts(SimpleNamespace(judged=judged), FullRolloutSettings())  # type: ignore[arg-type]
+    whole = FullRollouts(SimpleNamespace(judged=judged))  # type: ignore[arg-type]
     errors = whole.sample([np.zeros((rows, 3)) for rows in judged.rows])
     assert np.bincount(whole.log_of_value).tolist() == [3 * values] * 2
     assert len(errors.sampled) == 6 * values

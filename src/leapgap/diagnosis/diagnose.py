@@ -247,7 +247,7 @@ def pushes_beside(answer: "FoundAnswer", ready: ReadyLogs, settings: Settings) -
     """
     found = find_outside_forces(ready.judged, ready.replayer, settings.outside)
     effects = answer.judgement.selected.typical_effects(answer.heldout_gap.names)
-    forces = unexplained(found.forces, ready.given, ready.replayer, effects)
+    forces = unexplained(found, ready.given, ready.replayer, effects)
     alike = {(one.at, one.axis, one.impulse > 0) for one in forces}
     of_the_robot = len(forces) >= RECURRING and len(alike) == 1
     if not forces or of_the_robot or not is_explained(without_pushes(answer.moments, forces)):
@@ -315,9 +315,16 @@ def answer_by_own_clock(
     judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
     best = None
     if settings.best:
-        ends = joint.ends[0] if joint.ends else None
-        own = heldout_gap, joint.short, judgement.selected, hypotheses, settings.model_error, joint.told, ends, progress
-        best = BestFit(*own).search()
+        best = BestFit(
+            heldout_gap,
+            joint.short,
+            judgement.selected,
+            hypotheses,
+            settings.model_error,
+            told=joint.told,
+            joint=joint.ends[0] if joint.ends else None,
+            progress=progress,
+        ).search()
     open_, profiles = undecided_of(judgement), tuple(profiles_of(judgement.result))
     return FoundAnswer(
         judgement, heldout_gap, evidence, by_source, best, open_, profiles=profiles, notes=judgement.notes

@@ -21,16 +21,10 @@ EVERY_S = 0.02
 """Interval between the instants at which errors are compared, s."""
 DAMPINGS = (0.03, 0.3, 2.0)
 """Levenberg–Marquardt dampings that are tried at each step, as shares of the curvature; folds use the middle one."""
+STEPS = 6
+"""Largest number of Gauss–Newton steps."""
 SETTLED = 0.005
 """A fit has converged when its loss falls by a smaller share than this."""
-
-
-@dataclass(frozen=True)
-class FullRolloutSettings:
-    """Length of a fit."""
-
-    steps: int = 6
-    """Largest number of Gauss–Newton steps."""
 
 
 @dataclass(frozen=True)
@@ -85,13 +79,12 @@ class FullRollouts:
     """Fits sets of effects to full rollouts."""
 
     heldout_gap: HeldOutGap
-    plan: FullRolloutSettings
 
     def fit(self, hypotheses: tuple[Hypothesis, ...], numbers: np.ndarray) -> FullRolloutFit:
         """Fit to all logs by least squares; the numbers of each fold are one step from there with the other logs."""
         scale = np.concatenate([h.moderate for h in hypotheses])
         slopes = self.slopes(hypotheses, numbers)
-        for _ in range(self.plan.steps):
+        for _ in range(STEPS):
             tried = [clip_numbers(hypotheses, numbers + scale * slopes.step(damping)) for damping in DAMPINGS]
             found = [self.sample(of) for of in self.errors(hypotheses, tried)]
             best = int(np.argmin([errors.squares for errors in found]))

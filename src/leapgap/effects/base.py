@@ -438,7 +438,7 @@ class DriveEffect(MotorEffect):
     """One number of the motors or of their joint PD: a factor on it, or what is added to it."""
 
     drive_field: ClassVar[str]
-    """Field of ``Drive``."""
+    """Name of the field of ``Drive`` that is scaled or added to."""
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Scale the field by a number that is nominally one, or add to it one that is nominally zero."""

@@ -25,7 +25,7 @@ class Armature(AddedToJoints):
 
     @classmethod
     def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
-        """Against the acceleration."""
+        """A unit of inertia takes its share of the torque, against the acceleration."""
         return at.at_joints(location, -at.acceleration)
 
 
@@ -42,7 +42,7 @@ class JointDamping(AddedToJoints):
 
     @classmethod
     def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
-        """Against the velocity."""
+        """A unit of damping acts against the velocity, in proportion to it."""
         return at.at_joints(location, -at.velocity)
 
 
@@ -116,7 +116,7 @@ class FrictionCompensation(MotorEffect):
 
     @classmethod
     def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
-        """Along the motion."""
+        """A unit of torque acts along the measured motion, where the motor is within its limit."""
         return at.at_motors(location, at.within * np.tanh(at.velocity / FADES_RAD_S))
 
     def torque_by_velocity(self, velocity: np.ndarray, robot: Robot) -> np.ndarray | None:

@@ -24,7 +24,7 @@ LOOK_S = 0.1
 def has_feet_in_world(log: Log, robot: Robot) -> bool:
     """Whether the places of the feet follow from the log: feet, pose of the base, joint positions."""
     columns = ("base_pos_x", "base_quat_w", *(f"joint_pos/{joint}" for joint in robot.joints[:1]))
-    return robot.has_free_base and bool(robot.feet) and all(column in log for column in columns)
+    return robot.stands and all(column in log for column in columns)
 
 
 def feet_in_world(log: Log, robot: Robot, rows: slice = slice(None)) -> np.ndarray:

@@ -188,7 +188,7 @@ PAGE_KINDS = (5, 8)
 """Fields with the header of a page of data, of either version."""
 TRUE, FALSE, BYTE, DOUBLE, BINARY, LIST, SET, STRUCT = 1, 2, 3, 7, 8, 9, 10, 12
 WHOLE = (4, 5, 6)
-"""Kinds of values."""
+"""Kinds of values that are whole numbers of variable length in a page's header."""
 
 
 def check_pages(path: Path, file: pq.ParquetFile, columns: set[str] | None = None) -> None:

@@ -22,7 +22,7 @@ from leapgap.diagnosis.candidates import Candidate, clip_numbers, in_words
 from leapgap.diagnosis.decision import Conclusion
 from leapgap.diagnosis.engine.search import LEAST_GAIN, LEAST_SHARE, UNNAMED, Found, Search, few_of_each, screen
 from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks
-from leapgap.diagnosis.full_rollouts import FullRollouts, FullRolloutSettings
+from leapgap.diagnosis.full_rollouts import FullRollouts
 from leapgap.diagnosis.gap import HeldOutFigures, HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
@@ -154,12 +154,13 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
         for m, own in zip(order, rivals, strict=True)
     )
     steps = [candidate_of(found, order[: k + 1]) for k in range(len(order))]
-    if explained and not search.bench.robot.stands:  # whole logs of feet are chaotic
+    # Whole logs of feet are chaotic: they fit no numbers, and a set closes nothing where it surely does not.
+    on_feet = search.bench.robot.stands
+    if explained and not on_feet:
         steps[-1] = by_whole_logs(steps[-1], gap)
     (figures,) = gap.figures([steps[-1]])
     numbers = Numbers(found.predictive - start.predictive, u, before, float(d), figures.closure.value, blocks)
-    # Whole logs of feet are chaotic: there, a set closes nothing where it surely does not.
-    closes = figures.closure.high if search.bench.robot.stands else figures.closure.value
+    closes = figures.closure.high if on_feet else figures.closure.value
     if gap.has_gap and closes < LEAST_CLOSURE:
         return EvidenceJudgement(without, nominal, others(start), numbers, *as_it_is)
     if why := refusal(found, explained, numbers.g, figures, gap):
@@ -242,7 +243,7 @@ def is_explained(moments: Sequence[Moment]) -> bool:
 
 def by_whole_logs(candidate: Candidate, gap: HeldOutGap) -> Candidate:
     """A set that explains the logs with its numbers by whole logs, where these surely leave less of held-out logs."""
-    fit = FullRollouts(gap, FullRolloutSettings()).fit(candidate.hypotheses, candidate.numbers)
+    fit = FullRollouts(gap).fit(candidate.hypotheses, candidate.numbers)
     better = gap.share_better(fit.heldout, *gap.squares([candidate]))
     return fit if fit.sensible and better > SURE else candidate
 

@@ -42,26 +42,30 @@ class OutsideForces:
     """Name of each of these → name of the log that it is a part of."""
 
 
-def find_outside_forces(judged: JudgedLogs, replayer: Replayer, settings: OutsideForceSettings) -> OutsideForces:
-    """Find the forces from outside that act in some logs, and the logs without them."""
-    logs, found = judged.logs, OutsideForces()
+def find_outside_forces(
+    judged: JudgedLogs, replayer: Replayer, settings: OutsideForceSettings
+) -> tuple[OutsideForce, ...]:
+    """Find the forces from outside that act in some logs, by log and time."""
+    logs = judged.logs
     if len(logs) < LEAST_LOGS or any(is_short(log) for log in logs):
-        return found
+        return ()
     residuals = measure(judged.states, judged.robot, replayer)
     episodes: list[Episode] = []
     for _ in range(ROUNDS):
         episodes = episodes_of(residuals.residuals(moments_of(episodes, len(logs))), settings)
         if not episodes:
-            return found
-    return without_moments(tuple(force_of(one, logs[one.log], judged.robot) for one in episodes), judged, settings)
+            return ()
+    return tuple(force_of(one, logs[one.log], judged.robot) for one in episodes)
 
 
 def without_moments(
     forces: tuple[OutsideForce, ...], judged: JudgedLogs, settings: OutsideForceSettings
 ) -> OutsideForces:
     """Forces, with the logs without the moments in which they act."""
+    if not forces or not settings.remove:
+        return OutsideForces(forces)
     parts, part_of = quiet_parts([states.log for states in judged.whole], forces, settings)
-    if not settings.remove or len(parts) < LEAST_LOGS:
+    if len(parts) < LEAST_LOGS:
         return OutsideForces(forces)
     return OutsideForces(forces, tuple(parts), part_of)
 

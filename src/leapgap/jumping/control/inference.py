@@ -173,7 +173,7 @@ class Uncompiled:
     model: PredictionModel
 
     def __call__(self, state: np.ndarray, foot: np.ndarray, time_s: float) -> np.ndarray:
-        """See ``FirstStep``."""
+        """Bias, then what each force adds, of the first step from a state and foot positions at a time, in a row."""
         said = self.model.affine(Situation(state[None], foot[None], np.array([time_s]), state[None]), IN_CONTACT)
         return np.concatenate([said.bias[0], said.by_force[0].ravel()])
 
@@ -212,7 +212,7 @@ class CompiledSum:
         return CompiledSum(constant, feet, table, np.concatenate(numbers), np.concatenate(wide))
 
     def __call__(self, state: np.ndarray, foot: np.ndarray, time_s: float) -> np.ndarray:
-        """See ``FirstStep``."""
+        """The same numbers, by one call of compiled code."""
         found: np.ndarray
         found = add_up(state, foot, time_s, self.constant, self.feet, self.sizes, self.numbers, self.wide)
         return found

@@ -181,7 +181,7 @@ class CompiledLegs(LegKinematics):
         measure_plane(self._measured, self._quaternion, self._joint_pos, self._chains)
 
     def planar(self, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
-        """See ``LegKinematics``."""
+        """Compiled: measured state (6,) and foot − base (4,) in a frame, as of ``LegKinematics``."""
         measured = self._measured
         measured[:3], measured[3:6], measured[6:9] = estimate.base_position, estimate.base_velocity, frame.forward
         measured[9:] = frame.x_m, frame.y_m, frame.level_m, estimate.base_angular_velocity[1]
@@ -191,18 +191,18 @@ class CompiledLegs(LegKinematics):
         return found
 
     def pair_offsets(self, base_quaternion: np.ndarray, joint_pos: np.ndarray) -> np.ndarray:
-        """See ``LegKinematics``."""
+        """Compiled: mean over the feet of each pair, front then rear, m, world axes, shape (2, 3)."""
         return self._follow(base_quaternion, joint_pos)[0]
 
     def torque(self, base_quaternion: np.ndarray, joint_pos: np.ndarray, pair_force: np.ndarray) -> np.ndarray:
-        """See ``LegKinematics``."""
+        """Compiled: joint torques that make the ground push with the given force, N·m, (joints,)."""
         self._pair_force[:] = pair_force
         return self._follow(base_quaternion, joint_pos)[1]
 
     def planar_torque(
         self, base_quaternion: np.ndarray, joint_pos: np.ndarray, force: np.ndarray, frame: StartFrame
     ) -> np.ndarray:
-        """See ``LegKinematics``."""
+        """Compiled: joint torques for a force in the plane of a frame, N·m, (joints,)."""
         np.multiply(force[FORCE_X, None], frame.forward, out=self._pair_force)
         self._pair_force[:, 2] = force[FORCE_Z]
         return self._follow(base_quaternion, joint_pos)[1]

@@ -176,5 +176,5 @@ class NominalDeviation(DeviationModel):
         return AffineModel(np.zeros((n, 3)), np.zeros((n, 3, 4)), np.zeros((n, 3, 6)))
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Nothing was learned."""
+        """No arrays: nothing of this model was learned."""
         return {}

@@ -51,7 +51,7 @@ class PlannedMotion(ABC):
         if not robot.model.nkey:
             raise InputError(robot.path, "no keyframe", "one with the pose that motions start from", "add a keyframe")
         state = np.concatenate([robot.model.key_qpos[0], np.zeros(robot.model.nv)])
-        if robot.has_free_base and robot.feet:
+        if robot.stands:
             feet = feet_positions(robot, state[None, : robot.model.nq])[0]
             state[2] += robot.ground_height - float((feet[:, 2] - robot.foot_radius).min())
         return state
