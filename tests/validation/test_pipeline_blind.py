@@ -98,13 +98,9 @@ def test_a_verdict_is_kept_by_the_code_it_is_made_with_and_no_more() -> None:
     hashed = closure(diagnose_folder.__module__)
     views = {name for name in hashed if name.startswith("leapgap.reports.")}
     figures = (
-        "channel_names",
         "channels_data",
-        "colours",
         "diagnosis_figures",
-        "notebook",
-        "residual_force",
-        "similarity",
+        "written",
     )
     assert views == {f"leapgap.reports.{name}" for name in ("diagnosis", "page", "report", "viewer", *figures)}
     assert hashed >= closure("leapgap.diagnosis.diagnose")

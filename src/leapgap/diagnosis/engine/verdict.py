@@ -158,7 +158,8 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     on_feet = search.bench.robot.stands
     if explained and not on_feet:
         steps[-1] = by_whole_logs(steps[-1], gap)
-    (figures,) = gap.figures([steps[-1]])
+    gap.replays(steps[-1:])  # all rows at once: the report shows them
+    (figures,) = gap.figures(steps[-1:])
     numbers = Numbers(found.predictive - start.predictive, u, before, float(d), figures.closure.value, blocks)
     closes = figures.closure.high if on_feet else figures.closure.value
     if gap.has_gap and closes < LEAST_CLOSURE:
