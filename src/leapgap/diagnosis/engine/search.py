@@ -12,7 +12,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import split_numbers
+from leapgap.diagnosis.candidates import clip_numbers, split_numbers
 from leapgap.diagnosis.engine.evidence import Blocks, Posterior, Whitened, posterior_of, predictive
 from leapgap.diagnosis.engine.planted import Planted
 from leapgap.diagnosis.engine.points import Acting, Bench, Point, meets_ground, on_logs, prior_of
@@ -385,22 +385,18 @@ class Search:
         priors, first = point.priors(further, without), point.nuisances
         evidence = point.evidence_with(further).at_best_levels(*priors)
         whole = evidence.posterior(*priors)
-        held_out, folds = 0.0, []
-        of_folds, (gram, constant) = evidence.of_each(self.folds[evidence.blocks.log]), evidence.total()
-        for own, own_constant in of_folds:
-            rest = posterior_of(gram - own, constant - own_constant, *priors)
-            held_out += self.predicted(own, own_constant, priors[0][:first], rest, whole)
-            folds.append(rest.mean[first:])
         at = np.concatenate([np.zeros(0), *(n for _, n in point.acting), *(h.nominal for h in further)])
-        return Found(
-            replace(point, evidence=replace(point.evidence, levels=evidence.levels)),
-            (*(h for h, _ in point.acting), *further),
-            at + whole.mean[first:],
-            whole.covariance[first:, first:],
-            at + np.array(folds),
-            whole.evidence,
-            held_out,
-        )
+        members = (*(h for h, _ in point.acting), *further)
+        own, spread = at + whole.mean[first:], whole.covariance[first:, first:]
+        held_out, folds, lost = 0.0, [], lost_in_range(members, own, spread)
+        of_folds, (gram, constant) = evidence.of_each(self.folds[evidence.blocks.log]), evidence.total()
+        for of_fold, own_constant in of_folds:
+            rest = posterior_of(gram - of_fold, constant - own_constant, *priors)
+            held_out += self.predicted(of_fold, own_constant, priors[0][:first], rest, whole)
+            folds.append(rest.mean[first:])
+        judged = replace(point, evidence=replace(point.evidence, levels=evidence.levels))
+        of_folds_at = at + np.array(folds)
+        return Found(judged, members, own, spread, of_folds_at, whole.evidence - lost, held_out - lost)
 
     def predicted(
         self, gram: np.ndarray, constant: float, nuisances: np.ndarray, rest: Posterior, whole: Posterior
@@ -479,7 +475,7 @@ class Search:
 
     def in_place_of(self, found: Found, member: int) -> list[Found]:
         """The set with the likeliest effects by their columns in place of a member, which is taken back to nominal."""
-        likely = few_of_each([h for _, h in screen(found.point, [member])], ALIKE)[:SHORTLIST]
+        likely = few_of_each([h for _, h in screen(found.point, [member], again=True)], ALIKE)[:SHORTLIST]
         return sorted((self.judge(found.point, [h], [member]) for h in likely), key=lambda one: -one.evidence)
 
     def without_idle(self, found: Found) -> Found:
@@ -537,6 +533,13 @@ class Projection:
         columns = self.blocks.at_levels(whitened, self.levels)
         cross = np.linalg.solve(self.root, self.known.T @ columns)
         return columns.T @ self.errors - cross.T @ self.explained, columns.T @ columns - cross.T @ cross
+
+
+def lost_in_range(hypotheses: Sequence[Hypothesis], numbers: np.ndarray, covariance: np.ndarray) -> float:
+    """Evidence that is lost where numbers by columns are held at the ends of their ranges, nats."""
+    beyond = numbers - clip_numbers(hypotheses, numbers)
+    out = np.flatnonzero(beyond)
+    return float(0.5 * beyond[out] @ np.linalg.solve(covariance[np.ix_(out, out)], beyond[out]))
 
 
 def screen(point: Point, without: Sequence[int] = (), again: bool = False) -> list[tuple[float, Hypothesis]]:

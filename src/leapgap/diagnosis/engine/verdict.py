@@ -40,6 +40,9 @@ FOLLOWED_S = 6 * CORRELATION_S
 """Time after a push in which a filter without a force has still to follow, s."""
 APART = LEAST_GAIN
 """Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀."""
+HALF = 0.5
+"""A set that leaves a larger share without a name is no answer: of the evidence, and of the gap of whole logs too where
+the robot stands on no feet."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +136,11 @@ def rivals_of(search: Search, found: Found, member: int) -> list[Rival]:
 
 def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> EvidenceJudgement:
     """The conclusion of a search: verdict, causes in the order of what they explain, and the four numbers."""
-    found = without_outweighed(search, without_immaterial(search, start, found, gap))
+    # Whole logs of feet are chaotic: they fit no numbers, and a set closes nothing where it surely does not.
+    on_feet = search.bench.robot.stands
+    found = without_immaterial(search, start, found, gap)
+    if on_feet:
+        found = without_outweighed(search, found)
     blocks = len(found.point.evidence.levels)
     u, before = found.unnamed, start.unnamed
     nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
@@ -149,22 +156,27 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     order = [int(m) for m in np.argsort(losses)[::-1]]
     rivals = [rivals_of(search, found, m) for m in order]
     d = min((own[0].loss for own in rivals if own), default=np.inf)
-    answer = tuple(
-        (found.members[m].name, *dict.fromkeys(r.hypothesis.name for r in own if r.loss < APART))
-        for m, own in zip(order, rivals, strict=True)
-    )
     steps = [candidate_of(found, order[: k + 1]) for k in range(len(order))]
-    # Whole logs of feet are chaotic: they fit no numbers, and a set closes nothing where it surely does not.
-    on_feet = search.bench.robot.stands
     if explained and not on_feet:
         steps[-1] = by_whole_logs(steps[-1], gap)
     gap.replays(steps[-1:])  # all rows at once: the report shows them
     (figures,) = gap.figures(steps[-1:])
-    numbers = Numbers(found.predictive - start.predictive, u, before, float(d), figures.closure.value, blocks)
+    gained, missing = found.predictive - start.predictive, 0.0 if explained else max(found.missing, 0.0)
+    numbers = Numbers(gained, u, before, float(d), figures.closure.value, blocks)
+    # What stays without a name may make up for as large a share of a cause as of all that is to be explained.
+    unnamed = missing / (gained + missing)
+    if not on_feet:
+        unnamed = float(np.clip(1 - figures.closure.value, 0.0, unnamed))
+    apart = [max(APART, unnamed * losses[m]) for m in order]
+    near = [[rival for rival in own if rival.loss < least] for own, least in zip(rivals, apart, strict=True)]
+    answer = tuple(
+        (found.members[m].name, *dict.fromkeys(rival.hypothesis.name for rival in own))
+        for m, own in zip(order, near, strict=True)
+    )
     closes = figures.closure.high if on_feet else figures.closure.value
     if gap.has_gap and closes < LEAST_CLOSURE:
         return EvidenceJudgement(without, nominal, others(start), numbers, *as_it_is)
-    if why := refusal(found, explained, numbers.g, figures, gap):
+    if why := refusal(found, explained, gained if unnamed > HALF else None, figures, gap):
         notes = (f"{in_words(steps[-1])} {why}",)
         return EvidenceJudgement(unknown, nominal, others(start), numbers, *as_it_is, notes=notes)
     at_end = steps[-1].at_bound
@@ -173,17 +185,17 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     else:
         verdict = "ambiguous" if any(len(names) > 1 for names in answer) else "named"
     sure = tuple(1 / (1 + sum(np.exp(-np.clip(r.loss, -50, 50)) for r in own)) for own in rivals)
-    undecided = undecided_of(search, found, order, rivals, steps[-1])
+    undecided = undecided_of(search, found, order, near, steps[-1])
     conclusion = Conclusion(verdict, answer, tuple(steps), sure)
     return EvidenceJudgement(
         conclusion, steps[-1], others(found), numbers, moments, residual_of(start, found), undecided
     )
 
 
-def refusal(found: Found, explained: bool, gained: float, figures: HeldOutFigures, gap: HeldOutGap) -> str:
+def refusal(found: Found, explained: bool, outweighed: float | None, figures: HeldOutFigures, gap: HeldOutGap) -> str:
     """Why a set with some figures is no answer, in words after its own; empty where it is one.
 
-    ``gained`` is its evidence on held-out logs, nats.
+    ``outweighed`` is its evidence on held-out logs, nats, where what is left outweighs it.
     """
     if figures.gap >= gap.unmoved:
         over = "whole logs" if gap.horizon_s is None else f"{gap.horizon_s:g} s"
@@ -191,10 +203,10 @@ def refusal(found: Found, explained: bool, gained: float, figures: HeldOutFigure
             f"is no answer: over {over} a robot that does not move is nearer to them (gap {gap.unmoved:.2g} beside "
             f"{figures.gap:.2g}), so that these logs judge no simulation"
         )
-    if not explained and gained < found.missing:
+    if outweighed is not None:
         return (
             "came nearest, but what is left unexplained is worth more evidence than it gains "
-            f"({found.missing:.0f} beside {gained:.0f} nats)"
+            f"({found.missing:.0f} beside {outweighed:.0f} nats)"
         )
     if not explained and gap.has_gap and figures.closure.low <= 0:
         share = figures.closure.capped_at_one
@@ -254,11 +266,10 @@ def undecided_of(
 ) -> Undecided:
     """What the evidence leaves open: the first cause with rivals that it does not tell apart.
 
-    ``order`` is that of the members in the answer, and ``rivals`` are those of each.
+    ``order`` is that of the members in the answer, and ``rivals`` are those of each that are not told apart.
     """
     for k, member in enumerate(order):
-        near = [rival for rival in rivals[k] if rival.loss < APART]
-        if not near:
+        if not (near := rivals[k]):
             continue
         own, members = found.members[member].name, [*order[:k], len(order), *order[k + 1 :]]
         fits = [
@@ -266,7 +277,9 @@ def undecided_of(
             for h in few_of_each([rival.hypothesis for rival in near], PLACES)
         ]
         names = (own, *dict.fromkeys(fit.name for fit in fits))
-        return Undecided(names, (OpenFit(own, answer), *fits), float(1 / (1 + np.exp(max(near[0].loss, 0.0)))))
+        return Undecided(
+            names, (OpenFit(own, answer), *fits), float(1 / (1 + np.exp(np.clip(near[0].loss, 0.0, 50.0))))
+        )
     return Undecided((), (OpenFit(found.members[order[0]].name, answer),))
 
 
