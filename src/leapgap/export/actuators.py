@@ -16,16 +16,12 @@ class ActuatorSettings:
 
     stiffness: dict[str, float | None]
     """Gain kp of the joint PD times what the motor delivers of a torque; None where no log says it."""
-    damping: dict[str, float | None]
-    """Gain kd likewise."""
-    effort_limit: dict[str, float | None]
-    """None where the model states none."""
+    damping: dict[str, float | None]  # gain kd likewise
+    effort_limit: dict[str, float | None]  # none where the model states none
     armature: dict[str, float]
-    friction: dict[str, float]
-    """Coulomb friction, a torque."""
+    friction: dict[str, float]  # Coulomb friction, a torque
     viscous_friction: dict[str, float]
-    encoder_bias: dict[str, float]
-    """Reported − true position: what is added to observed joint positions."""
+    encoder_bias: dict[str, float]  # reported − true position: what is added to observed joint positions
     delay_s: dict[str, tuple[float, float]]
     """Least and largest delay of commands: the 95 % interval; twice the same where it is known."""
 
@@ -83,8 +79,7 @@ def steps(delay_s, physics_dt):
 class PythonExport(Export):
     """A file of Python with the settings of the actuators."""
 
-    source: ClassVar[str]
-    """Its text, with ``settings``, ``steps`` and what is ``further`` in braces."""
+    source: ClassVar[str]  # its text, with ``settings``, ``steps`` and what is ``further`` in braces
 
     @abstractmethod
     def further(self, corrected: CorrectedRobot) -> dict[str, str]:

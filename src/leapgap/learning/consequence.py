@@ -20,8 +20,7 @@ from leapgap.simulation.simulator import NOT_STEPPED, Reading, Simulator
 Network = Callable[[np.ndarray], np.ndarray]
 FALLEN, TILTED = 0.5, 0.5
 """A robot has fallen below this share of its first height, or where up leans so far that its cosine is below."""
-LOST = 1e6
-"""Positions beyond this have left the world of numbers."""
+LOST = 1e6  # positions beyond this have left the world of numbers
 
 
 @dataclass(frozen=True)
@@ -31,12 +30,9 @@ class Term:
     of: str
     """``joint_pos`` rad, ``joint_vel`` rad/s, ``base_angvel`` rad/s in base axes, ``base_linvel`` m/s in base axes,
     ``gravity`` (unit vector, base axes), ``base_height`` m, ``last_action``, or ``values``, which stand in the map."""
-    joints: tuple[str, ...] = ()
-    """Joints in the order of the policy; empty: those of the actions."""
-    values: tuple[float, ...] = ()
-    """Of ``values``: a command, such as the wanted velocity."""
-    less: tuple[float, ...] = ()
-    """What is taken away: of ``joint_pos`` the pose that is zero for the policy."""
+    joints: tuple[str, ...] = ()  # joints in the order of the policy; empty: those of the actions
+    values: tuple[float, ...] = ()  # of ``values``: a command, such as the wanted velocity
+    less: tuple[float, ...] = ()  # what is taken away: of ``joint_pos`` the pose that is zero for the policy
     scale: float = 1.0
 
 
@@ -45,20 +41,16 @@ class PolicyMap:
     """How a policy's numbers belong to a robot: set points are ``offset`` + ``scale`` × action."""
 
     observation: tuple[Term, ...]
-    kp: float
-    """Gains of the joint PD at all joints, N·m/rad and N·m·s/rad."""
+    kp: float  # gains of the joint PD at all joints, N·m/rad and N·m·s/rad
     kd: float
     period_s: float = 0.02
     seconds: float = 10.0
-    joints: tuple[str, ...] = ()
-    """Joints of the actions in the order of the policy; empty: that of the model."""
+    joints: tuple[str, ...] = ()  # joints of the actions in the order of the policy; empty: that of the model
     scale: float = 1.0
-    offset: tuple[float, ...] = ()
-    """rad, in the order of ``joints``; empty: the pose at the start."""
+    offset: tuple[float, ...] = ()  # rad, in the order of ``joints``; empty: the pose at the start
     start: tuple[float, ...] = ()
     """Positions of the whole robot (nq,) in MuJoCo's order, at rest; empty: the first keyframe of its model."""
-    limit: float = 100.0
-    """Actions are cut at ± this."""
+    limit: float = 100.0  # actions are cut at ± this
 
     def __post_init__(self) -> None:
         """Refuse what nothing can be run with."""
@@ -74,12 +66,10 @@ class Course:
     """One run of the policy."""
 
     name: str
-    fell_s: float | None
-    """When a floating robot fell, or the simulation ended in no numbers; None: it did not."""
+    fell_s: float | None  # when a floating robot fell, or the simulation ended in no numbers; None: it did not
     drift_m: float | None
     """Distance of the base at the end from where it ends without causes; None for a held robot or after a fall."""
-    joints_rad: float
-    """Root mean square departure of the joints from the run without causes, while both last."""
+    joints_rad: float  # root mean square departure of the joints from the run without causes, while both last
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ CHUNK_VALUES = 1 << 21
 class VelocityFit:
     """Velocities, and how the noise of the positions gets into them."""
 
-    velocity: np.ndarray
-    """Of each channel in each row, unit of the positions per s, (rows, channels)."""
+    velocity: np.ndarray  # of each channel in each row, unit of the positions per s, (rows, channels)
     noise_gain: np.ndarray
     """Standard deviation of a velocity where each position has independent noise of deviation 1, 1/s, (rows,)."""
 

@@ -12,16 +12,12 @@ from leapgap.logs.log import Log
 from leapgap.logs.row_clock import FilterRule, RowClock, filter_of, obeyed_filters
 from leapgap.logs.streams import BASE, CURVATURE, NOISE_WINDOW, OUTLIER, VELOCITY, Stream, mean_row
 
-FREE = 25.0
-"""Standard deviation of a row's length that is assumed beforehand, in sample periods: next to no assumption."""
+FREE = 25.0  # standard deviation of a row's length that is assumed beforehand, in sample periods: next to no assumption
 LAG, LAG_SPREAD = 0.3, 0.4
 """How late a sample is in the row that first shows it: mean and standard deviation, in sample periods."""
-ROUNDS = 3
-"""Solutions, each with the weights and the delay of velocities that the one before gives."""
-ORIGIN = 1e5
-"""Weight, 1/s, with which the first row is put at instant 0."""
-PRECISE = 0.15
-"""Instants known to this share of a step of a whole-number clock are precise."""
+ROUNDS = 3  # solutions, each with the weights and the delay of velocities that the one before gives
+ORIGIN = 1e5  # weight, 1/s, with which the first row is put at instant 0
+PRECISE = 0.15  # instants known to this share of a step of a whole-number clock are precise
 
 
 WHOLE, REAL = ("plus", "minus", "stream"), ("by", "right", "spread", "bend")
@@ -42,8 +38,7 @@ def equations(plus: np.ndarray, minus: np.ndarray, **others: np.ndarray | float)
 class System:
     """What is known of the instants of rows and samples; unknown are those of the rows, then those of each message."""
 
-    equations: np.ndarray
-    """As ``EQUATION``, (equations,)."""
+    equations: np.ndarray  # as ``EQUATION``, (equations,)
     first: np.ndarray
     """Index of the first sample of each message among the unknowns, and their number; before them stand the rows."""
     sharpness: tuple[np.ndarray, ...]
@@ -131,10 +126,8 @@ def system_of(streams: Sequence[Stream], period: float) -> System:
 class Solution:
     """Instants that fit the equations."""
 
-    rows: np.ndarray
-    """When each row was written, s, (rows,)."""
-    samples: tuple[np.ndarray, ...]
-    """When the samples of each message were taken, s, (samples,) each."""
+    rows: np.ndarray  # when each row was written, s, (rows,)
+    samples: tuple[np.ndarray, ...]  # when the samples of each message were taken, s, (samples,) each
 
 
 def solve(system: System, streams: Sequence[Stream], period: float) -> Solution:
@@ -184,8 +177,7 @@ def velocity_filters(streams: Sequence[Stream], found: Solution, step: float) ->
     }
 
 
-LEAST_WHOLE = 0.85
-"""Share of the precise times between samples that are one or more whole steps, from which all are."""
+LEAST_WHOLE = 0.85  # share of the precise times between samples that are one or more whole steps, from which all are
 
 
 def whole_step(samples: Sequence[np.ndarray], sharpness: Sequence[np.ndarray], period: float) -> float | None:

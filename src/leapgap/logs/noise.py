@@ -5,8 +5,7 @@ from math import comb
 
 import numpy as np
 
-NORMAL_MEDIAN = 0.6745
-"""Median absolute value of a standard normal number."""
+NORMAL_MEDIAN = 0.6745  # median absolute value of a standard normal number
 SMOOTH_PERIOD_S = 0.002
 """Up to this sample period the second differences of a robot's motion are tiny against those of noise."""
 HIGHER_ORDERS = (2, 4, 6)
@@ -17,10 +16,8 @@ QUIETEST_GAP, ROUNDING = 0.02, 1e-6
 ON_GRID = 0.05
 """Values are whole counts that lie off a grid by less than this share of its width, on average; others by a quarter."""
 
-NEIGHBOURS = np.array([-2, -1, 1, 2])
-"""Rows through which a cubic tells what a value should be."""
-JITTER_ROWS, FAST_QUARTER = 8, 0.75
-"""Rows over which a rate is a mean, and the quantile from which on rows are fast."""
+NEIGHBOURS = np.array([-2, -1, 1, 2])  # rows through which a cubic tells what a value should be
+JITTER_ROWS, FAST_QUARTER = 8, 0.75  # rows over which a rate is a mean, and the quantile from which on rows are fast
 
 
 def resolution_of(values: np.ndarray) -> np.ndarray:

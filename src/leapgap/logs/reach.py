@@ -14,8 +14,7 @@ from leapgap.robot.model import Robot
 
 BEYOND = 0.05
 """A stop yields, and encoders have biases: further beyond an end than this share of the range, it is no stop."""
-ROWS = 3
-"""So many rows have to lie there: a single one may be an outlier."""
+ROWS = 3  # so many rows have to lie there: a single one may be an outlier
 YIELDS_S = 0.1
 """So long they have to last, s: a leg that is thrown against a stop comes back sooner (MuJoCo's take 0.02 s)."""
 
@@ -26,10 +25,8 @@ class Reach:
 
     joint: str
     lowest: float
-    highest: float
-    """Of the logs, rad or m, without what lasts less than ``ROWS`` or ``YIELDS_S``."""
-    range: tuple[float, float]
-    """Ends of the joint's range in the model, rad or m."""
+    highest: float  # of the logs, rad or m, without what lasts less than ``ROWS`` or ``YIELDS_S``
+    range: tuple[float, float]  # ends of the joint's range in the model, rad or m
 
     @property
     def beyond(self) -> float:

@@ -29,44 +29,29 @@ from leapgap.logs.streams import (
     streams_of,
 )
 
-BLOCK, OVERLAP = 400, 25
-"""Rows that are smoothed together, and those at each end of them that are smoothed twice."""
-TOGETHER = 64
-"""Blocks that are smoothed side by side, which bounds the memory."""
-ROUNDS = 8
-"""Passes over the log, each with the width of lengths that the one before gives."""
-FREEDOM = 3.0
-"""Degrees of freedom of Student's distribution of lengths: stalls are rare and far away."""
-BEST_KNOWN = 0.75
-"""The mean length of a row is taken from rows that are better known than this share of them."""
-NARROWEST = 0.01
-"""Least width of lengths, as a share of their mean."""
-FIRST_WIDTH = 0.3
-"""Width with which the first pass begins."""
+BLOCK, OVERLAP = 400, 25  # rows that are smoothed together, and those at each end of them that are smoothed twice
+TOGETHER = 64  # blocks that are smoothed side by side, which bounds the memory
+ROUNDS = 8  # passes over the log, each with the width of lengths that the one before gives
+FREEDOM = 3.0  # degrees of freedom of Student's distribution of lengths: stalls are rare and far away
+BEST_KNOWN = 0.75  # the mean length of a row is taken from rows that are better known than this share of them
+NARROWEST = 0.01  # least width of lengths, as a share of their mean
+FIRST_WIDTH = 0.3  # width with which the first pass begins
 DELAY_ROWS, LONGEST_DELAY = 20, 3.0
 """Rows over which changes of velocity are held against motion, and the longest delay of velocities, in mean rows."""
-START = 0.05
-"""Standard deviation of a position before its first sample, rad or m."""
-LEAST_NOISE = 1e-6
-"""Least standard deviation of the noise of a position, rad or m."""
-UNKNOWN = 1e3
-"""Standard deviation of a sample that a row does not have, rad or m."""
+START = 0.05  # standard deviation of a position before its first sample, rad or m
+LEAST_NOISE = 1e-6  # least standard deviation of the noise of a position, rad or m
+UNKNOWN = 1e3  # standard deviation of a sample that a row does not have, rad or m
 
 
 @dataclass(frozen=True)
 class Samples:
     """What rows show of some channels."""
 
-    position: np.ndarray
-    """(rows, channels), rad or m."""
-    velocity: np.ndarray
-    """(rows, channels), per s."""
-    fresh: np.ndarray
-    """Whether a row shows a new sample, bool, (rows, channels)."""
-    noise: np.ndarray
-    """Standard deviation of the noise of positions, (channels,)."""
-    velocity_noise: np.ndarray
-    """Standard deviation of the noise of velocities, (channels,)."""
+    position: np.ndarray  # (rows, channels), rad or m
+    velocity: np.ndarray  # (rows, channels), per s
+    fresh: np.ndarray  # whether a row shows a new sample, bool, (rows, channels)
+    noise: np.ndarray  # standard deviation of the noise of positions, (channels,)
+    velocity_noise: np.ndarray  # standard deviation of the noise of velocities, (channels,)
 
     def with_delay(self, delay_s: float) -> "Samples":
         """The same motion with velocities of the instants of its positions, which were so much older."""
@@ -77,10 +62,8 @@ class Samples:
 class SmoothedLengths:
     """Lengths of rows with what is not known of them."""
 
-    mean: np.ndarray
-    """s, (rows − 1,)."""
-    spread: np.ndarray
-    """Standard deviation, s, (rows − 1,)."""
+    mean: np.ndarray  # s, (rows − 1,)
+    spread: np.ndarray  # standard deviation, s, (rows − 1,)
 
 
 def smooth_lengths(samples: Samples, claimed: np.ndarray) -> SmoothedLengths:
@@ -127,18 +110,12 @@ def velocity_delay(samples: Samples, lengths: np.ndarray) -> float:
 class Blocks:
     """Stretches of one log side by side, each with rows of its neighbours at both ends."""
 
-    rows: np.ndarray
-    """Row of the log, (blocks, rows of a block)."""
-    own: np.ndarray
-    """Whether the length of a row is taken from this block, bool, (blocks, rows of a block − 1)."""
-    observed: np.ndarray
-    """Positions, (blocks, rows of a block, channels)."""
-    variance: np.ndarray
-    """Of the positions, likewise."""
-    speed: np.ndarray
-    """Mean of the velocities at both ends of a row, (blocks, rows of a block − 1, channels)."""
-    wander: np.ndarray
-    """Variance of the motion within a row beside that speed, likewise."""
+    rows: np.ndarray  # row of the log, (blocks, rows of a block)
+    own: np.ndarray  # whether the length of a row is taken from this block, bool, (blocks, rows of a block − 1)
+    observed: np.ndarray  # positions, (blocks, rows of a block, channels)
+    variance: np.ndarray  # of the positions, likewise
+    speed: np.ndarray  # mean of the velocities at both ends of a row, (blocks, rows of a block − 1, channels)
+    wander: np.ndarray  # variance of the motion within a row beside that speed, likewise
 
     @staticmethod
     def of(samples: Samples, lengths: np.ndarray) -> "Blocks":
@@ -224,10 +201,8 @@ AGREE, FARTHEST = 0.5, 3.0
 count up to so many mean rows. Impacts and noise correlate by less than 0.2, uneven rows by more than 0.9."""
 SHARPEST, LEAST_SCATTER = 0.2, 0.12
 """Share of the rows in which the halves also have to agree on a scatter of so many mean rows; even rows reach 0.05."""
-MOVING = 0.1
-"""Share of the rows in which a channel has to move to have a say in a clock."""
-QUIET = 0.625
-"""The noise of the quietest windows over that of all; the smoother takes the latter."""
+MOVING = 0.1  # share of the rows in which a channel has to move to have a say in a clock
+QUIET = 0.625  # the noise of the quietest windows over that of all; the smoother takes the latter
 STALL, STALLS, SURE = 2.5, 2, 4.0
 """A row that lasts longer than others by so many mean rows by both halves of the channels, each so many standard
 deviations sure, is a stall; from so many on a log is uneven."""
@@ -235,10 +210,8 @@ MOST_FIT = 0.8
 """Share of the motions between samples that even rows have to explain within ``OUTLIER`` standard deviations."""
 EVEN = 0.06
 """Rows whose lengths scatter by a smaller share of their mean are even: noise alone lets them scatter by 0.03."""
-REPEATS = 0.02
-"""Share of repeated samples, while a joint moves, from which a log is one of messages."""
-UNEVEN = 0.15
-"""Rows are uneven whose lengths scatter by more than this share of their mean."""
+REPEATS = 0.02  # share of repeated samples, while a joint moves, from which a log is one of messages
+UNEVEN = 0.15  # rows are uneven whose lengths scatter by more than this share of their mean
 
 
 def row_clock(log: Log, joints: Sequence[str]) -> RowClock | None:

@@ -25,10 +25,8 @@ class States:
 
     log: Log
     motion: Motion
-    fitted: frozenset[str]
-    """Quantities that are slopes of a fit through others, here or by the importer."""
-    base: BaseEstimate | None
-    """Of a floating base whose position was not logged, by its planted feet; None elsewhere."""
+    fitted: frozenset[str]  # quantities that are slopes of a fit through others, here or by the importer
+    base: BaseEstimate | None  # of a floating base whose position was not logged, by its planted feet; None elsewhere
     deviation: np.ndarray
     """Standard deviation of states that were not measured, in their tangent, (rows, 2 nv); zero for what was logged."""
 

@@ -11,21 +11,15 @@ from leapgap.logs.noise import resolution_of
 from leapgap.logs.schema import BASE_POSITION, BASE_VELOCITY
 
 BASE = "base"
-POSITION, VELOCITY = "joint_pos/", "joint_vel/"
-"""Columns of a joint begin so."""
-NOISE_WINDOW = 20
-"""Rows over which noise is taken; the quietest windows count, since uneven rows scatter moving joints."""
-QUIETEST = 0.02
-"""Share of the windows that is quieter than the noise."""
+POSITION, VELOCITY = "joint_pos/", "joint_vel/"  # columns of a joint begin so
+NOISE_WINDOW = 20  # rows over which noise is taken; the quietest windows count, since uneven rows scatter moving joints
+QUIETEST = 0.02  # share of the windows that is quieter than the noise
 MOVES = 3.0
 """A channel moves where its velocity carries it by more than this many standard deviations of its noise in a row."""
-COUNTS = 2.0
-"""It also moves by more than so many counts of its encoder: between counts an encoder repeats itself."""
+COUNTS = 2.0  # it also moves by more than so many counts of its encoder: between counts an encoder repeats itself
 
-CURVATURE = 0.1
-"""Error of a mean of two velocities, as a share of their difference."""
-OUTLIER = 2.0
-"""An equation of motion that misses by more standard deviations counts less and less."""
+CURVATURE = 0.1  # error of a mean of two velocities, as a share of their difference
+OUTLIER = 2.0  # an equation of motion that misses by more standard deviations counts less and less
 
 
 @dataclass(frozen=True)
@@ -33,12 +27,9 @@ class Stream:
     """Channels that one message brings: their positions and velocities are sampled at the same instants."""
 
     name: str
-    columns: tuple[str, ...]
-    """All columns of the message."""
-    position: np.ndarray
-    """(rows, channels), rad or m."""
-    velocity: np.ndarray
-    """(rows, channels), per s."""
+    columns: tuple[str, ...]  # all columns of the message
+    position: np.ndarray  # (rows, channels), rad or m
+    velocity: np.ndarray  # (rows, channels), per s
 
     @cached_property
     def fresh(self) -> np.ndarray:

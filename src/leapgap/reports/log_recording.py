@@ -27,12 +27,10 @@ from leapgap.reports.shown_robot import TIMELINE, Recorder, ShownRobot, recordin
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
 
-PLAYBACK_SPEED = 0.25
-"""Of real time, since a jump takes only 1.2 s."""
+PLAYBACK_SPEED = 0.25  # of real time, since a jump takes only 1.2 s
 BACKGROUND = (44, 48, 56)
 POSE = ("x", "z", "pitch")
-MOST_JOINTS = 8
-"""Number of joints that are shown beside the scene of a robot without a base state."""
+MOST_JOINTS = 8  # number of joints that are shown beside the scene of a robot without a base state
 
 
 def add_panels(root: rrb.Container) -> rrb.Blueprint:

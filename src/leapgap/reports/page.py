@@ -23,8 +23,7 @@ GREY = "#8a93a3"
 
 HEAD = "page_head.html"
 """Style and scripts that all pages share: colours on light and dark, phones, print, drawing of figures."""
-PACKED_FROM = 2000
-"""Length in characters from which data of a page are packed."""
+PACKED_FROM = 2000  # length in characters from which data of a page are packed
 
 
 def render_page(template: Path, figures: dict[str, go.Figure], **values: Any) -> str:

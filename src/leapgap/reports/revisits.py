@@ -129,8 +129,7 @@ class RevisitSettings:
     struck: int
     experiments: int
     missed: int
-    further: list[str]
-    """Settings of ``collect`` that make the jumps which missed cases are diagnosed with."""
+    further: list[str]  # settings of ``collect`` that make the jumps which missed cases are diagnosed with
 
 
 @dataclass(frozen=True)

@@ -77,10 +77,8 @@ def canonical(values: np.ndarray) -> bytes:
     return " ".join(f"{value + 0.0:.{HASHED_DIGITS - 1}e}" for value in values.ravel().tolist()).encode()
 
 
-ASSETS = "assets"
-"""Folder of meshes, height fields and textures beside the file."""
-DIGITS = 17
-"""Significant digits with which a number read back is the number written."""
+ASSETS = "assets"  # folder of meshes, height fields and textures beside the file
+DIGITS = 17  # significant digits with which a number read back is the number written
 
 
 RELATIVE, OF_LARGEST, ABSOLUTE = 1e-9, 1e-12, 1e-15

@@ -35,8 +35,7 @@ EARTH, USUAL_GRAVITY = np.array([0.0, 0.0, -9.81]), 0.05
 DOWNWARDS, LEAST_GRAVITY = 0.7, 0.1
 """Least share of the gravity of a free base that points down, and least gravity, m/s²."""
 PARKED_BELOW_FLOOR_M = 50.0
-LEVEL = 1 - 1e-6
-"""Cosine of the largest slope of a level floor."""
+LEVEL = 1 - 1e-6  # cosine of the largest slope of a level floor
 
 
 @dataclass(frozen=True)

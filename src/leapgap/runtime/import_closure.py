@@ -13,10 +13,8 @@ from functools import cache, cached_property
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
 
-PACKAGE = Path(__file__).parent.parent
-"""Folder of the installed library."""
-DATA = (".xml", ".html")
-"""Endings of the files beside modules that modules read."""
+PACKAGE = Path(__file__).parent.parent  # folder of the installed library
+DATA = (".xml", ".html")  # endings of the files beside modules that modules read
 
 LOADER = "classes_by_name"
 """Name of the function that imports all modules of a package; its callers depend on all modules of that package."""
@@ -28,10 +26,8 @@ class ModuleReading:
 
     imports: frozenset[str]
     """Modules of the tree, and outermost packages of others, that it imports (``SourceTree.imports``)."""
-    data_names: frozenset[str]
-    """String literals that end like a data file."""
-    meaning: str
-    """SHA-256 of what the code says (``meaning``)."""
+    data_names: frozenset[str]  # string literals that end like a data file
+    meaning: str  # SHA-256 of what the code says (``meaning``)
 
 
 @dataclass(frozen=True)

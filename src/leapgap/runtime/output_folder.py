@@ -27,11 +27,9 @@ except ImportError:  # Windows: two runs into one folder are not kept apart ther
     fcntl = None  # type: ignore[assignment]
 
 MARKER = ".leapgap.json"
-MARKED = "leapgap_output"
-"""Key of a marker by which it is recognised."""
+MARKED = "leapgap_output"  # key of a marker by which it is recognised
 FORMAT_VERSION = 1
-REPLACED = ".replaced.partial"
-"""End of the name of an earlier output while it is being replaced."""
+REPLACED = ".replaced.partial"  # end of the name of an earlier output while it is being replaced
 NAMES_SHOWN = 5
 AS_IT_WAS = "is as it was"
 ABSENT_EMPTY_OR_OURS = "a folder that does not exist, is empty, or was written by the same command"
@@ -41,10 +39,8 @@ ABSENT_EMPTY_OR_OURS = "a folder that does not exist, is empty, or was written b
 class Marker:
     """What the marker of a folder says."""
 
-    by: str
-    """Command that wrote the folder, such as ``stages.chunk``."""
-    files: tuple[str, ...]
-    """Every file that it wrote, relative to the folder, with ``/``; without the marker itself."""
+    by: str  # command that wrote the folder, such as ``stages.chunk``
+    files: tuple[str, ...]  # every file that it wrote, relative to the folder, with ``/``; without the marker itself
 
     @staticmethod
     def read(folder: Path) -> "Marker | None":
@@ -325,12 +321,10 @@ class HeldLock:
     """The lock of a folder that this process holds."""
 
     descriptor: int
-    blocks: int = 0
-    """How many blocks hold the folder; the last to end frees it, whichever began first."""
+    blocks: int = 0  # how many blocks hold the folder; the last to end frees it, whichever began first
 
 
-LOCKS: dict[Path, HeldLock] = {}
-"""Locks that this process holds, by their folders."""
+LOCKS: dict[Path, HeldLock] = {}  # locks that this process holds, by their folders
 CHANGING = threading.RLock()
 """Held by the thread that takes or frees one; it may collect a forgotten block, which frees another, meanwhile."""
 

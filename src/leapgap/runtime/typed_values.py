@@ -15,13 +15,10 @@ import yaml
 
 from leapgap.errors import InputError, did_you_mean
 
-MERGE = "tag:yaml.org,2002:merge"
-"""Tag of the key ``<<``."""
+MERGE = "tag:yaml.org,2002:merge"  # tag of the key ``<<``
 NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
-LONGEST_NUMBER = 1000
-"""Characters of a number."""
-MOST_BYTES, MOST_VALUES = 1_000_000, 100_000
-"""Size of a file, and values in it, names written out."""
+LONGEST_NUMBER = 1000  # characters of a number
+MOST_BYTES, MOST_VALUES = 1_000_000, 100_000  # size of a file, and values in it, names written out
 
 
 def from_yaml(text: str) -> Any:
@@ -32,8 +29,7 @@ def from_yaml(text: str) -> Any:
 class Loader(yaml.SafeLoader):
     """Reads plain data and floating-point numbers without a dot, and refuses a key that is there twice."""
 
-    written_out = 0
-    """Keys of all mappings so far."""
+    written_out = 0  # keys of all mappings so far
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         """The mapping of a node; what ``<<`` brings in may be stated anew."""
@@ -85,8 +81,7 @@ def check_size(values: Any) -> None:
 
 
 Kind = TypeVar("Kind")
-LARGEST_SHOWN, LONGEST_SHOWN = 10**15, 200
-"""A whole number, and characters of a value, that a message shows."""
+LARGEST_SHOWN, LONGEST_SHOWN = 10**15, 200  # a whole number, and characters of a value, that a message shows
 
 
 def from_mapping(kind: type[Kind], values: Any, where: str) -> Kind:

@@ -32,8 +32,7 @@ class Disturbance:
     """Sudden change of forward velocity and of upward velocity, m/s, and of pitch rate, rad/s, at ``begin_s``."""
     force_n: tuple[float, float] = (0.0, 0.0)
     """Constant forward and upward force on the base's centre of mass from ``begin_s`` on, N."""
-    duration_s: float = 0.0
-    """How long the force lasts."""
+    duration_s: float = 0.0  # how long the force lasts
 
     def __str__(self) -> str:
         """Its parts that are not zero, with units, and when: ``+0.2 m/s at 0.3 s``, ``-45 N from 0.3 to 0.4 s``."""
@@ -61,10 +60,8 @@ def disturb(
     data.xfrc_applied[base, :3] = force
 
 
-ROUNDING = 1e-6
-"""Tolerance on a number of control periods, so that rounding does not add one to a whole number."""
-ROOM = 8
-"""Space for commands that were sent, in histories."""
+ROUNDING = 1e-6  # tolerance on a number of control periods, so that rounding does not add one to a whole number
+ROOM = 8  # space for commands that were sent, in histories
 MEMORY_S = 0.063
 """Least length of the history that effects with a memory (delay, latency) see, s; see ``Effect.memory_s``."""
 
@@ -74,8 +71,7 @@ class Sensing:
     """Measurements that the controller gets: those of the log, with the state of the base delayed."""
 
     noise: SensorNoise = field(default_factory=SensorNoise)
-    base_delay_s: float = 0.002
-    """Delay from a measurement of the base to the controller; joint measurements have none."""
+    base_delay_s: float = 0.002  # delay from a measurement of the base to the controller; joint measurements have none
 
 
 @dataclass(frozen=True)
@@ -84,10 +80,8 @@ class ClosedLoopRun:
 
     log: Log
     truth: Motion
-    touching: np.ndarray
-    """Whether each foot touches at each row, bool, (rows, feet)."""
-    ground_force: np.ndarray
-    """True force of the ground on each foot at each row, world axes, N, (rows, feet, 3)."""
+    touching: np.ndarray  # whether each foot touches at each row, bool, (rows, feet)
+    ground_force: np.ndarray  # true force of the ground on each foot at each row, world axes, N, (rows, feet, 3)
 
 
 class Plant:

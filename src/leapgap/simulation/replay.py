@@ -33,14 +33,10 @@ class Pieces:
     """Pieces of one trial, ready to be simulated."""
 
     trial: Rollout
-    states: np.ndarray
-    """(pieces, nq + nv): true first states."""
-    controls: np.ndarray
-    """(pieces, steps, actuators); pieces of fewer steps than the longest hold their last."""
-    steps: np.ndarray
-    """Steps of the simulation in each row, (pieces, rows − 1)."""
-    warmth: np.ndarray | None
-    """Warmth of the motors at the start, (pieces, joints); None where no motor heats."""
+    states: np.ndarray  # (pieces, nq + nv): true first states
+    controls: np.ndarray  # (pieces, steps, actuators); pieces of fewer steps than the longest hold their last
+    steps: np.ndarray  # steps of the simulation in each row, (pieces, rows − 1)
+    warmth: np.ndarray | None  # warmth of the motors at the start, (pieces, joints); None where no motor heats
 
     def chosen(self, which: Sequence[int]) -> "Pieces":
         """Some of the pieces, in the order of ``which``."""

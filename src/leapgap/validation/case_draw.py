@@ -22,16 +22,12 @@ GRAVITY = 9.81
 class OwnNumbers:
     """Numbers of one robot in the pose that its motions start from."""
 
-    torque: np.ndarray
-    """Largest torque of the motor of each joint, N·m, (joints,)."""
+    torque: np.ndarray  # largest torque of the motor of each joint, N·m, (joints,)
     inertia: np.ndarray
     """Inertia that each motor turns where no other joint moves, its armature included, kg·m², (joints,)."""
-    mass: float
-    """Of the whole robot, kg."""
-    length: float
-    """Height of a free base above the ground, or how far the links of a held robot are from its base, m."""
-    period: float
-    """Time between two commands of its motions, s."""
+    mass: float  # of the whole robot, kg
+    length: float  # height of a free base above the ground, or how far the links of a held robot are from its base, m
+    period: float  # time between two commands of its motions, s
 
     @staticmethod
     def of(robot: Robot, state: np.ndarray, period_s: float) -> "OwnNumbers":
@@ -88,8 +84,7 @@ class Half:
     pair: int
     nameless: int
     none: int
-    families: list[str]
-    """Names of the off-table effects that are used in turn."""
+    families: list[str]  # names of the off-table effects that are used in turn
     triple: int = 0
 
 
@@ -100,10 +95,8 @@ class Case:
     half: str
     kind: str
     effects: tuple[Effect, ...]
-    seed: int
-    """Seed of targets, blocks, nuisances and sensor noise, which are thus independent of the effects."""
-    clock: ClockFamily | None = None
-    """How rows come to be what they do not claim; None: they are what they claim."""
+    seed: int  # seed of targets, blocks, nuisances and sensor noise, which are thus independent of the effects
+    clock: ClockFamily | None = None  # how rows come to be what they do not claim; None: they are what they claim
     physics: Physics = USUAL
 
 
@@ -124,8 +117,7 @@ class FurtherCounts:
 class FurtherKinds:
     """What is drawn for the further kinds."""
 
-    counts: Mapping[str, FurtherCounts]
-    """Half → numbers of cases; none of a half that is not there."""
+    counts: Mapping[str, FurtherCounts]  # half → numbers of cases; none of a half that is not there
     clocks: Sizes
     """Clock family → size → [least, most], its logarithm drawn evenly; families are used in turn, in this order."""
     too_high: Sizes

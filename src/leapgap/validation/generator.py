@@ -42,16 +42,11 @@ class Physics:
     integrator: mujoco.mjtIntegrator
     impedance: tuple[float, float, float]
     """First numbers of MuJoCo's ``solimp`` of the feet: impedance at the surface and below, width, m."""
-    step_s: float | None = None
-    """Time step; None: that of the setup."""
-    cone: mujoco.mjtCone | None = None
-    """Friction cone; None: that of the model."""
-    friction_impedance: float | None = None
-    """MuJoCo's ``impratio``; None: that of the model."""
-    contact_time: float = 1.0
-    """Factor on the time constant of the feet's contacts; below one they are stiffer."""
-    accepted: tuple[str, ...] = ()
-    """Effects that a diagnosis may name besides, since this physics has them."""
+    step_s: float | None = None  # time step; None: that of the setup
+    cone: mujoco.mjtCone | None = None  # friction cone; None: that of the model
+    friction_impedance: float | None = None  # MuJoCo's ``impratio``; None: that of the model
+    contact_time: float = 1.0  # factor on the time constant of the feet's contacts; below one they are stiffer
+    accepted: tuple[str, ...] = ()  # effects that a diagnosis may name besides, since this physics has them
 
     def change_model(self, model: mujoco.MjModel, feet: np.ndarray) -> None:
         """Put the physics into a model; ``feet`` are the geoms of the feet."""
@@ -109,8 +104,7 @@ class NuisanceSizes:
     friction: float = 0.05
     armature: float = 0.05
     foot_friction: float = 0.02
-    contact_time: float = 0.03
-    """Of the time constant in the ``solref`` of the feet."""
+    contact_time: float = 0.03  # of the time constant in the ``solref`` of the feet
 
 
 @dataclass(frozen=True)
@@ -222,8 +216,7 @@ class GeneratedJump:
 
     log: Log
     clean: Log
-    rows: UnevenRows | None = None
-    """How its rows are not what they claim; None: they are what they claim."""
+    rows: UnevenRows | None = None  # how its rows are not what they claim; None: they are what they claim
 
 
 def generate_jumps(

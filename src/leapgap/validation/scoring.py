@@ -10,8 +10,7 @@ import numpy as np
 from leapgap.validation.outcome import CLAIMS, CLOCK, LEAVES_A_REST, CaseOutcome
 
 Scores = dict[str, Any]
-CLEAR_FLOORS = 5.0
-"""Change of the motion, in noise floors, from which on the overlap of the maps has a bar of its own."""
+CLEAR_FLOORS = 5.0  # change of the motion, in noise floors, from which on the overlap of the maps has a bar of its own
 
 
 @dataclass(frozen=True)
@@ -20,8 +19,7 @@ class ScoreCondition:
 
     applies: Callable[[CaseOutcome], bool]
     holds: Callable[[CaseOutcome], bool]
-    desired: bool = True
-    """Whether a perfect diagnosis meets ``holds``."""
+    desired: bool = True  # whether a perfect diagnosis meets ``holds``
 
     def share(self, outcomes: Iterable[CaseOutcome]) -> float | None:
         """Share of the selected cases that meet the condition; None where no case is selected."""

@@ -24,8 +24,7 @@ class Timing:
 
     held: np.ndarray
     """How long each planned command is held, in claimed periods, (planned rows,); 0 where the next one replaces it."""
-    written: np.ndarray
-    """Whether the log has this row, bool, (planned rows,)."""
+    written: np.ndarray  # whether the log has this row, bool, (planned rows,)
     stale: np.ndarray
     """Whether the row shows the sample of the written row before, of the base and of each limb, bool, (planned rows,
     1 + limbs)."""
@@ -54,8 +53,7 @@ class UnevenRows(OffTableEffect):
 
     name = "uneven_rows"
 
-    lengths: np.ndarray | None = None
-    """True length of each row, in claimed periods, (rows,); None: one."""
+    lengths: np.ndarray | None = None  # true length of each row, in claimed periods, (rows,); None: one
     shown: np.ndarray | None = None
     """The row whose sample each row shows, of the base and of each limb, (rows, 1 + limbs); None: its own."""
 

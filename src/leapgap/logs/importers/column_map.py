@@ -15,8 +15,7 @@ from leapgap.robot.model import Robot
 from leapgap.robot.stated_joints import Tie, tied_joints
 
 TURN, INCH, FOOT, POUND, GRAVITY = 2 * math.pi, 0.0254, 0.3048, 4.4482216152605, 9.80665
-FINE = {"decideg": TURN / 3600, "centideg": TURN / 36000, "tick4096": TURN / 4096}
-"""What drives count angles in."""
+FINE = {"decideg": TURN / 3600, "centideg": TURN / 36000, "tick4096": TURN / 4096}  # what drives count angles in
 UNITS: dict[str, dict[str, float]] = {
     "s": {"s": 1, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60},
     "rad": {"rad": 1, "mrad": 1e-3, "deg": TURN / 360, "rev": TURN} | FINE,
@@ -193,10 +192,8 @@ class Expansion:
     options: ColumnMap
     robot: Robot
     where: str
-    without: frozenset[str] = frozenset()
-    """Joints that ``*`` does not stand for: they are not in the table."""
-    first: int = 0
-    """The number of the first joint of ``joint_order``."""
+    without: frozenset[str] = frozenset()  # joints that ``*`` does not stand for: they are not in the table
+    first: int = 0  # the number of the first joint of ``joint_order``
 
     def __post_init__(self) -> None:
         unknown = {*self.options.joint_names.values(), *self.options.joint_order} - set(self.robot.joints)

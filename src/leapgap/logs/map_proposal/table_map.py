@@ -211,8 +211,7 @@ def values_of(one: Family, key: str, tie: Tie, table: Table) -> np.ndarray:
 
 
 NUMBER = re.compile(r"\d+")
-MOST_NAMED = 20
-"""Unused columns that are named."""
+MOST_NAMED = 20  # unused columns that are named
 
 
 def propose(table: Table, robot: Robot, stated: Mapping[str, Any]) -> Proposal:
