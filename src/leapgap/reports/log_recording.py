@@ -1,7 +1,6 @@
 """One jump, with or without ghosts beside it, as a Rerun recording, and the views that it opens with."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -134,14 +133,6 @@ def leg(actor: ShownRobot, name: str, residual: bool = False) -> rrb.Container:
 NONE: Mapping[str, Log] = MappingProxyType({})
 
 
-@dataclass(frozen=True)
-class Further:
-    """What an application adds to a recording: a tab, and what logs its entities."""
-
-    tab: rrb.Container
-    log: Callable[[Recorder, Sequence[ShownRobot]], None]
-
-
 def record_jump(
     path: Path,
     jump: Log,
@@ -151,7 +142,6 @@ def record_jump(
     label: str = "measured",
     says: str = "",
     substitutes: Mapping[str, Sequence[tuple[float, str]]] = NO_SUBSTITUTES,
-    further: Sequence[Further] = (),
 ) -> None:
     """Write a jump as a recording, whole or not at all.
 
@@ -160,7 +150,6 @@ def record_jump(
     columns only. ``label`` names the jump itself in legends: measured, simulated, reference. ``says``
     is put in front of its notes. ``substitutes``: for each robot, by its label, times in s and reasons of fallback
     commands of its controller; each such robot gets a lane of its own and lines among the events.
-    ``further`` is what an application adds.
     """
     actors = shown_robots(label, jump, ghosts, robot)
     # Scene on the left, base and residuals on the right, phases below; joints, forces and notes in tabs
@@ -179,7 +168,6 @@ def record_jump(
         forces.append(plot("forces/foot_sensors", "foot sensors [as logged]", legend=True))
     if forces:
         tabs.append(rrb.Grid(*forces, grid_columns=2, name="Ground forces on the robot"))
-    tabs.extend([one.tab for one in further])
     tabs.append(
         rrb.Horizontal(
             rrb.TextDocumentView(origin="notes", name="Notes"),
@@ -198,8 +186,6 @@ def record_jump(
         log_joints(to, actors)
         log_ground_forces(to, actors[0])
         log_phases(to, actors[0], substitutes)
-        for one in further:
-            one.log(to, actors)
         log_notes(to, actors, title or jump.name, says)
 
 

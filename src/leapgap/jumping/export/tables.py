@@ -1,9 +1,9 @@
 """Everything that the goal-shift controller of one jump needs while it runs, as arrays and numbers.
 
-The names here are those in the C files and in ``numpy_controller``; what a table holds stands in ``MEANING``, which is
-written beside the tables. Quadratic programs are tabled as far as no measurement is needed, neither of the robot nor of
-the stance that it may begin in: for each update a part of the Hessian, and the constraints, scaled by their norm in the
-Hessian of the plan's own goal.
+The names here are those in the C files; what a table holds stands in ``MEANING``, which is written beside the tables.
+Quadratic programs are tabled as far as no measurement is needed, neither of the robot nor of the stance that it may
+begin in: for each update a part of the Hessian, and the constraints, scaled by their norm in the Hessian of the plan's
+own goal.
 """
 
 from collections.abc import Mapping, Sequence

@@ -13,7 +13,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from leapgap.errors import InputError
-from leapgap.jumping.reports import references
 from leapgap.jumping.reports.method_comparison import comparison_logs, record_comparison
 from leapgap.logs.log import Log, read_log
 from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, JUDGED, add_panels, log_notes, overview, plot, record_jump
@@ -22,7 +21,7 @@ from leapgap.reports.scene import WORLD, log_scene
 from leapgap.reports.shown_robot import GHOSTS as GHOST_COLOURS
 from leapgap.reports.shown_robot import Colour, Recorder, ShownRobot, recording, shown_robots
 from leapgap.robot.model import Robot
-from leapgap.runtime.atomic_io import read_json, write_text
+from leapgap.runtime.atomic_io import read_json
 
 TRUTH = "measured"
 COLUMNS = ("model", "window", "step", "time", *(part.key for part in COMPONENTS))
@@ -157,11 +156,6 @@ class View:
 
 def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
     """Write every recording into ``out``; yields one line for each kind: what was written or skipped."""
-    if view.references is not None:
-        index = Path(view.references) / "references.json"
-        if index.is_file():
-            write_text(out / "references.html", references.html(index.parent, robot))
-        yield describe_recordings("references.html", view.references, int(index.is_file()), 1)
     for kind, label, folder, replays in (
         ("reference", "reference", view.references, None),
         ("simulated", "simulated", view.simulated, None),
@@ -223,11 +217,11 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
                 shown=view.models or None,
             )
         yield describe_recordings(f"prediction_{kind}", folder, len(tables), view.most_predictions)
-    if view.landings is None or view.references is None:
+    if view.landings is None:
         return
     found = comparison_logs(Path(view.landings), view.landing_methods)
     for task, logs in islice(found.items(), view.most_landings):
-        record_comparison(out / f"landing_{task}.rrd", task, logs, robot, Path(view.references))
+        record_comparison(out / f"landing_{task}.rrd", task, logs, robot)
     yield describe_recordings("landing", view.landings, len(found), view.most_landings)
 
 

@@ -111,7 +111,7 @@ LANDED = Ranked("mean_abs_error_cm", "cm", "mean size of the landing error, {}",
 SOURCES = (
     Source(
         "References", "Jumps planned by full-body trajectory optimisation.", "references_own.json",
-        "dvc repro optimize@own", PLANNED, Ranked("cost", "cost"), {"page": "views/references.html"},
+        "dvc repro optimize@own", PLANNED, Ranked("cost", "cost"),
     ),
     Source(
         "Learned models, simulated jumps", "Residual models and their rivals predict jumps that they have not seen.",
