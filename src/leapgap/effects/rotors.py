@@ -9,13 +9,7 @@ import numpy as np
 
 from leapgap.effects.base import MotorEffect, Parameter, parameter
 from leapgap.robot.model import Robot
-from leapgap.robot.rotors import (
-    add_rotors,
-    joints_with_rotors,
-    mount_rotors,
-    reduced_inertia,
-    soften,
-)
+from leapgap.robot.rotors import add_rotors, joints_with_rotors, mount_rotors, reduced_inertia, soften
 
 
 @dataclass(frozen=True)

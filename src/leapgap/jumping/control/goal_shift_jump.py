@@ -1,7 +1,5 @@
 """Carries out a plan while its goal is shifted: the controller of a jump with goal-shift MPC."""
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -114,7 +112,6 @@ class ShiftTracker(JumpController):
         target: np.ndarray,
         model: LandingPredictor | None,
         exploration: np.ndarray | None = None,
-        clock: Callable[[], float] = time.perf_counter,
         late: LateStance | None = None,
     ) -> None:
         """``goal`` (3,) of the plan, ``target`` (3,) of the landing. Without a model nothing but ``exploration``
@@ -123,7 +120,7 @@ class ShiftTracker(JumpController):
         super().__init__(plan.reference, robot, gains)
         self.plan, self.config, self.goal, self.stance_pitch = plan, config, goal, stance_pitch
         self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps, config.on_rear_feet)
-        self.model, self.clock = model, clock
+        self.model = model
         self.planner = None if model is None else GoalShiftPlanner(plan, model, target, config)
         if self.planner is not None:
             self.planner.prepare()
@@ -218,9 +215,7 @@ class ShiftTracker(JumpController):
         if not np.isfinite(deviation).all():
             self.count_fallback(NOT_FINITE)
         elif since is not None and update < self.grid.free_updates:
-            result = guarded_solve(
-                lambda: self._problem(update, before, since), self.solver, SolutionRequirements(), self.clock
-            )
+            result = guarded_solve(self._problem(update, before, since), self.solver, SolutionRequirements())
             if result.fault is None and result.solution is not None:
                 self.shifts[update:] += result.solution.x[:GOAL_AXES]
             else:

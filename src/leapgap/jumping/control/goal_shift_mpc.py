@@ -23,12 +23,7 @@ import numpy as np
 
 from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.qp import Qp
-from leapgap.jumping.control.shifted_plan import (
-    DEVIATIONS,
-    GOAL_AXES,
-    ShiftedPlan,
-    ShiftGrid,
-)
+from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, ShiftedPlan, ShiftGrid
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z
 from leapgap.robot.topology import PAIRS
 

@@ -289,7 +289,7 @@ class GoalDirectedJump(JumpController):
             still = np.zeros(len(self.robot.joints))
             gains, plan = self.gains.stance, self.reference
             kp, kd = still + gains.kp_nm_per_rad, still + gains.kd_nms_per_rad
-            return Command(plan.torque[0], self.targets.position[0], still, kp, kd, plan.force[0])
+            return Command(plan.torque[0], plan.joint_pos[0], still, kp, kd, plan.force[0])
         stance = latest(self._stood[:-1], stand.measured_s)  # the jump begins with this estimate
         self.tracker = self.plan_from(stance_pitch(stance, self.legs) if self.choice.stance_is_seen else 0.0)
         self.start_s = estimate.time_s

@@ -25,13 +25,7 @@ from leapgap.jumping.experiments.identification import CONTACT_PARAMETERS
 from leapgap.jumping.experiments.method import AimingMethod, JumpTask, Method
 from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig
 from leapgap.jumping.experiments.simulated_shifts import ShiftSimulator, SimulatedShiftsConfig
-from leapgap.jumping.experiments.training_jumps import (
-    DATA_SHEET,
-    SHARED,
-    PracticeResult,
-    identify_on,
-    run_practice,
-)
+from leapgap.jumping.experiments.training_jumps import DATA_SHEET, SHARED, PracticeResult, identify_on, run_practice
 from leapgap.jumping.experiments.trial import TrialSpec
 from leapgap.jumping.models.planar import planar_robot
 
