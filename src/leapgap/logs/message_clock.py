@@ -61,18 +61,18 @@ def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
     """
     period = mean_row(log, streams)
     system = system_of(streams, period)
-    found = solve(system, streams, period)
-    step = whole_step(found.samples, system.sharpness, period)
+    rows, samples = solve(system, streams, period)
+    step = whole_step(samples, system.sharpness, period)
     if step is not None:
         # The equations with one more for each time between samples that is precisely so many steps
         more = []
-        for first, own, sharp in zip(system.first, found.samples, system.sharpness, strict=False):
+        for first, own, sharp in zip(system.first, samples, system.sharpness, strict=False):
             number = np.round(np.diff(own) / step)
             near = (np.abs(np.diff(own) / step - number) < PRECISE) & (sharp < PRECISE * step) & (number >= 1)
             after = first + 1 + np.flatnonzero(near)
             more.append(equations(after, after - 1, right=step * number[near], spread=step / 100))
-        found = solve(replace(system, equations=np.concatenate([system.equations, *more])), streams, period)
-    shown = {stream.name: found.samples[k][np.cumsum(stream.fresh) - 1] for k, stream in enumerate(streams)}
+        rows, samples = solve(replace(system, equations=np.concatenate([system.equations, *more])), streams, period)
+    shown = {stream.name: samples[k][np.cumsum(stream.fresh) - 1] for k, stream in enumerate(streams)}
     # When each row was written, s, never decreasing, (rows,): at the latest sample that it shows
     resolution = step or period
     columns = []
@@ -80,7 +80,7 @@ def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
         precise = np.concatenate([[False], sharp < PRECISE * resolution])[np.cumsum(stream.fresh) - 1]
         columns.append(np.where(precise, shown[stream.name], -np.inf))
     latest = np.sort(np.stack(columns, axis=1), axis=1)[:, -min(2, len(columns))]
-    instants = np.maximum.accumulate(np.where(np.isfinite(latest), latest, found.rows - LAG * resolution))
+    instants = np.maximum.accumulate(np.where(np.isfinite(latest), latest, rows - LAG * resolution))
     if step is not None:
         instants = step * np.round((instants - instants[0]) / step)
     return RowClock(
@@ -88,7 +88,7 @@ def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
         {name: shown[stream.name] - instants[0] for stream in streams for name in stream.columns},
         step,
         {stream.name: stream.repeats(log.info.sample_period_s) for stream in streams},
-        {} if step is None else velocity_filters(streams, found, step),
+        {} if step is None else velocity_filters(streams, samples, step),
     )
 
 
@@ -122,16 +122,8 @@ def system_of(streams: Sequence[Stream], period: float) -> System:
     return System(np.concatenate([*parts, origin]), first, tuple(sharpness))
 
 
-@dataclass(frozen=True)
-class Solution:
-    """Instants that fit the equations."""
-
-    rows: np.ndarray  # when each row was written, s, (rows,)
-    samples: tuple[np.ndarray, ...]  # when the samples of each message were taken, s, (samples,) each
-
-
-def solve(system: System, streams: Sequence[Stream], period: float) -> Solution:
-    """Solve the equations by robust least squares.
+def solve(system: System, streams: Sequence[Stream], period: float) -> tuple[np.ndarray, list[np.ndarray]]:
+    """When each row was written, (rows,), and when the samples of each message were taken, s, by robust least squares.
 
     A velocity may be that of a moment before its position; this delay of each message is found on the way.
     """
@@ -152,16 +144,16 @@ def solve(system: System, streams: Sequence[Stream], period: float) -> Solution:
         weight = before / np.sqrt(1 + (missed * before / OUTLIER) ** 2)
         pull, square = (np.bincount(of, weight**2 * bend * by, len(streams)) for by in (missed, bend))
         delay = delay - pull / np.where(square > 0, square, 1.0)
-    return Solution(found[:rows], tuple(np.split(found, system.first[:-1])[1:]))
+    return found[:rows], np.split(found, system.first[:-1])[1:]
 
 
 STEPS_S = (0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.0005, 0.00025)
 """Steps of simulations and control loops that are looked for, s, longest first."""
 
 
-def velocity_filters(streams: Sequence[Stream], found: Solution, step: float) -> dict[str, FilterRule]:
+def velocity_filters(streams: Sequence[Stream], taken: Sequence[np.ndarray], step: float) -> dict[str, FilterRule]:
     """Rules by which velocities were computed from positions, by the velocity columns of joints that obey one."""
-    joints = [(stream, samples) for stream, samples in zip(streams, found.samples, strict=True) if stream.name != BASE]
+    joints = [(stream, samples) for stream, samples in zip(streams, taken, strict=True) if stream.name != BASE]
     rules = obeyed_filters(
         {
             stream.name: filter_of(stream.position[stream.fresh], stream.velocity[stream.fresh], samples, step)
