@@ -1,6 +1,5 @@
 """The scores of the benchmark: the keys of ``metrics/blind.json``, counted from the outcomes of the cases."""
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -125,11 +124,6 @@ def scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng: np.rando
         name: share(o.right for o in third if o.physics == name) for name in sorted({str(o.physics) for o in third})
     }
     return {**ordinary_scores(ordinary, draws, bins, rng), **found}
-
-
-def verdict_counts(outcomes: Sequence[CaseOutcome]) -> dict[str, int]:
-    """How many cases have each verdict, in the order of the verdicts' names; those that none has are left out."""
-    return dict(sorted(Counter(o.verdict for o in outcomes).items()))
 
 
 def of_pipeline(outcomes: Sequence[CaseOutcome]) -> list[CaseOutcome]:
