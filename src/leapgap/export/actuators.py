@@ -14,8 +14,7 @@ from leapgap.runtime.atomic_io import write_text
 class ActuatorSettings:
     """Settings of the actuators of the driven joints, SI units; by joint, which keeps the order of the model."""
 
-    stiffness: dict[str, float | None]
-    """Gain kp of the joint PD times what the motor delivers of a torque; None where no log says it."""
+    stiffness: dict[str, float | None]  # gain kp of the joint PD times what a motor delivers of a torque; None: unknown
     damping: dict[str, float | None]  # gain kd likewise
     effort_limit: dict[str, float | None]  # none where the model states none
     armature: dict[str, float]

@@ -98,8 +98,7 @@ def tree_of(corrected: CorrectedRobot) -> ElementTree.Element:
     """
     robot, model = corrected.robot, corrected.bare
     root = ElementTree.Element("robot", {"name": robot.name or "robot"})
-    offset = np.zeros((model.nbody, 3))
-    """Of each link's frame in the frame of its body, m."""
+    offset = np.zeros((model.nbody, 3))  # of each link's frame in the frame of its body, m
     if not robot.has_free_base:
         ElementTree.SubElement(root, "link", {"name": "world"})
     for body in robot.bodies:

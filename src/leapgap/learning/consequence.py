@@ -67,8 +67,7 @@ class Course:
 
     name: str
     fell_s: float | None  # when a floating robot fell, or the simulation ended in no numbers; None: it did not
-    drift_m: float | None
-    """Distance of the base at the end from where it ends without causes; None for a held robot or after a fall."""
+    drift_m: float | None  # distance of the base at the end from that without causes; None: a held robot, or a fall
     joints_rad: float  # root mean square departure of the joints from the run without causes, while both last
 
 

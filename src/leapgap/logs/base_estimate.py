@@ -72,8 +72,7 @@ def columns_of_feet(log: Log, robot: Robot, quantity: str) -> np.ndarray | None:
     return log.stack(names) if names and all(name in log for name in names) else None
 
 
-LEVEL_M = 0.002
-"""A foot that stands counts less by e for each such height of its sole above the lowest: it may have just lifted."""
+LEVEL_M = 0.002  # a foot counts less by e for each such height of its sole above the lowest: it may have lifted
 POSES = 60  # number of poses, evenly over the log, of which the median depth in the ground is taken
 SMOOTHED_S = 0.025
 """Each row is the value of a line through the rows up to this time before and after it. Those in which feet disagree,

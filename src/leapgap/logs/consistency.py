@@ -95,13 +95,10 @@ WINDOW_S = 0.05  # displacements over this time are held against integrals of ve
 MOVES = 0.02  # root mean square of displacements, rad or m, from which on a column counts as moving
 SAME_MOTION = 0.9  # correlation of two descriptions of one motion from which on their ratio is a matter of units
 OTHER_MOTION = 0.3  # correlation below which they describe different motions
-LARGEST_RATIO = 1.8
-"""Ratio of displacements to integrals of velocities. Published jumps, whose clock is off, reach 1.38."""
+LARGEST_RATIO = 1.8  # ratio of displacements to integrals of velocities; published jumps with their clock reach 1.38
 LARGEST_PD_ERROR = 3.0  # median departure of a joint from the set point of its PD, rad or m, that is still a departure
-LARGEST_UNIT_RATIO = 5.0
-"""Ratio of the motion of a set point to that of its joint; units that are confused differ by 57 or more."""
-ROUGH, WIDE = 1.0, 0.1
-"""Mean squared step of a column over its variance, 2 for rows in random order; spread, rad, where it counts."""
+LARGEST_UNIT_RATIO = 5.0  # ratio of the motion of a set point to its joint's; confused units differ by 57 or more
+ROUGH, WIDE = 1.0, 0.1  # mean squared step over the variance, 2 for rows in random order; spread, rad, where it counts
 JUMP, JUMP_RATIO, JUMPING_SHARE = 0.05, 10.0, 0.5
 """Lost rows: a step beyond what the velocities say, rad, its ratio to the 99th percentile, share of the joints."""
 LONGEST_STALL_S = 0.03

@@ -19,8 +19,7 @@ class VelocityFit:
     """Velocities, and how the noise of the positions gets into them."""
 
     velocity: np.ndarray  # of each channel in each row, unit of the positions per s, (rows, channels)
-    noise_gain: np.ndarray
-    """Standard deviation of a velocity where each position has independent noise of deviation 1, 1/s, (rows,)."""
+    noise_gain: np.ndarray  # of a velocity where positions have independent noise of deviation 1, 1/s, (rows,)
 
 
 def velocity_fit(time: np.ndarray, position: np.ndarray, window_s: float, degree: int = 2) -> VelocityFit:

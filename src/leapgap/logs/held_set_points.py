@@ -9,8 +9,7 @@ from leapgap.logs.log import Log
 
 FEWEST = 8  # changes of set points from which on they are said to stand for some rows
 REGULAR = 0.8  # share of the changes that must come after the usual number of rows, or one more or fewer
-SAME_MOTION = 0.2
-"""Set points of positions and velocities are of one motion where they differ by less than this share of it."""
+SAME_MOTION = 0.2  # set points of positions and velocities are of one motion where they differ by a smaller share of it
 SENT = ("cmd_pos/", "cmd_vel/", "cmd_tau/")  # columns that a controller may interpolate
 
 

@@ -13,8 +13,7 @@ from leapgap.logs.row_clock import FilterRule, RowClock, filter_of, obeyed_filte
 from leapgap.logs.streams import BASE, CURVATURE, NOISE_WINDOW, OUTLIER, VELOCITY, Stream, mean_row
 
 FREE = 25.0  # standard deviation of a row's length that is assumed beforehand, in sample periods: next to no assumption
-LAG, LAG_SPREAD = 0.3, 0.4
-"""How late a sample is in the row that first shows it: mean and standard deviation, in sample periods."""
+LAG, LAG_SPREAD = 0.3, 0.4  # how late a sample is in the row that first shows it: mean and deviation, in sample periods
 ROUNDS = 3  # solutions, each with the weights and the delay of velocities that the one before gives
 ORIGIN = 1e5  # weight, 1/s, with which the first row is put at instant 0
 PRECISE = 0.15  # instants known to this share of a step of a whole-number clock are precise
@@ -39,10 +38,8 @@ class System:
     """What is known of the instants of rows and samples; unknown are those of the rows, then those of each message."""
 
     equations: np.ndarray  # as ``EQUATION``, (equations,)
-    first: np.ndarray
-    """Index of the first sample of each message among the unknowns, and their number; before them stand the rows."""
-    sharpness: tuple[np.ndarray, ...]
-    """For each message, standard deviation of the time between its samples by their motion alone, s."""
+    first: np.ndarray  # index of each message's first sample among the unknowns, behind the rows; and their number
+    sharpness: tuple[np.ndarray, ...]  # of each message's times between samples, by motion alone, standard deviation, s
 
     def matrix(self) -> sp.csr_matrix:
         """Left sides, (equations, unknowns); the number after the last unknown stands for 0."""

@@ -12,11 +12,9 @@ import numpy as np
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
-BEYOND = 0.05
-"""A stop yields, and encoders have biases: further beyond an end than this share of the range, it is no stop."""
+BEYOND = 0.05  # a stop yields, and encoders have biases: beyond an end by a larger share of the range, it is none
 ROWS = 3  # so many rows have to lie there: a single one may be an outlier
-YIELDS_S = 0.1
-"""So long they have to last, s: a leg that is thrown against a stop comes back sooner (MuJoCo's take 0.02 s)."""
+YIELDS_S = 0.1  # so long they have to last, s: a leg thrown against a stop comes back sooner (MuJoCo's in 0.02 s)
 
 
 @dataclass(frozen=True)

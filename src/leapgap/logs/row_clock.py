@@ -92,8 +92,7 @@ class RowClock:
     instants: np.ndarray  # when each row was written, s since the first, never decreasing, (rows,)
     sampled: Mapping[str, np.ndarray]  # column → when the sample was taken that each row shows, s, (rows,)
     step_s: float | None  # step of which all instants are whole multiples; None where there is none
-    repeats: Mapping[str, float]
-    """Message → share of the rows, while it moves, that repeat the sample of the row before."""
+    repeats: Mapping[str, float]  # message → share of the rows, while it moves, that repeat the sample before
     filters: Mapping[str, FilterRule] = field(default_factory=dict)
     """Velocity column of a joint → how it follows from the positions, where it does to the last digit."""
 

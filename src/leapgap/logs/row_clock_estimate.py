@@ -209,10 +209,8 @@ QUIET = 0.625  # the noise of the quietest windows over that of all; the smoothe
 STALL, STALLS, SURE = 2.5, 2, 4.0
 """A row that lasts longer than others by so many mean rows by both halves of the channels, each so many standard
 deviations sure, is a stall; from so many on a log is uneven."""
-MOST_FIT = 0.8
-"""Share of the motions between samples that even rows have to explain within ``OUTLIER`` standard deviations."""
-EVEN = 0.06
-"""Rows whose lengths scatter by a smaller share of their mean are even: noise alone lets them scatter by 0.03."""
+MOST_FIT = 0.8  # share of motions between samples that even rows have to explain within ``OUTLIER`` deviations
+EVEN = 0.06  # rows whose lengths scatter by a smaller share of their mean are even: noise alone makes 0.03
 REPEATS = 0.02  # share of repeated samples, while a joint moves, from which a log is one of messages
 UNEVEN = 0.15  # rows are uneven whose lengths scatter by more than this share of their mean
 

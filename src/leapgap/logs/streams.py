@@ -14,8 +14,7 @@ BASE = "base"
 POSITION, VELOCITY = "joint_pos/", "joint_vel/"  # columns of a joint begin so
 NOISE_WINDOW = 20  # rows over which noise is taken; the quietest windows count, since uneven rows scatter moving joints
 QUIETEST = 0.02  # share of the windows that is quieter than the noise
-MOVES = 3.0
-"""A channel moves where its velocity carries it by more than this many standard deviations of its noise in a row."""
+MOVES = 3.0  # a channel moves where its velocity carries it by so many deviations of its noise in a row
 COUNTS = 2.0  # it also moves by more than so many counts of its encoder: between counts an encoder repeats itself
 
 CURVATURE = 0.1  # error of a mean of two velocities, as a share of their difference

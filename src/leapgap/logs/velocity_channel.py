@@ -16,11 +16,9 @@ from leapgap.logs.log import Log
 from leapgap.logs.noise import noise_of, ticks_of
 
 LONGEST_S = 0.25  # lags are looked for up to this
-SHORTEST_SPAN_S, LONGEST_SPAN_S = 0.05, 0.4
-"""Displacements are taken over this time, and over more where a joint moves slowly."""
+SHORTEST_SPAN_S, LONGEST_SPAN_S = 0.05, 0.4  # displacements are taken over this time; over more where a joint is slow
 SEEN = 20.0  # a span is long enough in which joints move by so many standard deviations of what their encoders resolve
-LEAST_ROWS = 0.75
-"""Shortest lag that is told, in rows: a difference of two rows is late by half a row, and nobody's register is."""
+LEAST_ROWS = 0.75  # shortest lag that is told, in rows: a difference of two is late by half a row, and no register is
 PARTS = 8  # parts of a log that are left out in turn, for the standard error of a lag
 SURE = 3.0  # standard errors by which a lag is one
 EXPLAINS = 2.0  # a lag leaves at most 1/so much of the variance that velocities without it leave
@@ -49,8 +47,7 @@ class VelocityColumn:
 
     Standard deviation, rad/s or m/s; 0 where it is not.
     """
-    error: float
-    """Error of the reported velocity that its lag, ticks, unit and the rest make, standard deviation, rad/s or m/s."""
+    error: float  # error of the reported velocity by lag, ticks, unit and rest, standard deviation, rad/s or m/s
     noise: float  # standard deviation of its noise; 0 where rounding to its ticks explains it
     error_if_derived: float
     """Error of a velocity fitted through the positions, by what these resolve and by how they bend within the fit."""

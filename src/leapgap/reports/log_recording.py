@@ -239,7 +239,6 @@ def in_words(info: LogInfo) -> list[str]:
 
 GHOSTS = {"nominal": "nominal simulation", "corrected": "corrected simulation"}
 """Subfolder of a folder of replays → label of its ghost."""
-JUDGED = "judged"
-"""Subfolder of a folder of replays: the logs as they were judged, by their own clock where they have one."""
+JUDGED = "judged"  # subfolder of a folder of replays: the logs as judged, by their own clock where they have one
 DIAGNOSED = "diagnosis.json"
 """File of a folder of replays: ``log`` names the jump that shows the diagnosis, ``sentence`` is its conclusion."""

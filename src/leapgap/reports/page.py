@@ -21,8 +21,7 @@ REAL, NOMINAL, CORRECTED = "#111827", "#e2542f", "#2563c9"
 GREY = "#8a93a3"
 
 
-HEAD = "page_head.html"
-"""Style and scripts that all pages share: colours on light and dark, phones, print, drawing of figures."""
+HEAD = "page_head.html"  # style and scripts of all pages: colours on light and dark, phones, print, figures
 PACKED_FROM = 2000  # length in characters from which data of a page are packed
 
 

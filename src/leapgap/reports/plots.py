@@ -18,8 +18,7 @@ from leapgap.robot.terrain import ground_geoms
 from leapgap.robot.topology import PAIRS
 
 BASE_PERIOD_S = 0.002
-JOINT_PERIOD_S = 0.005
-"""Sample periods of the plots: 500 Hz for the base, 200 Hz for joints and forces, about one sample per pixel."""
+JOINT_PERIOD_S = 0.005  # of the plots: 500 Hz for the base, 200 Hz for joints and forces, about a sample per pixel
 COMMAND_COLOUR: Colour = (150, 150, 150)
 FORCE_COLOURS: dict[str, Colour] = {
     "mpc_force": (240, 70, 70),

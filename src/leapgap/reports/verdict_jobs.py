@@ -32,8 +32,7 @@ class Job:
     logs: Path
     robot: Path
     settings: Diagnosing
-    threads: int | None = None
-    """Threads of one diagnosis; None: one per core. They change no result, hence are no part of the key."""
+    threads: int | None = None  # threads of one diagnosis, which change no result and no key; None: one per core
     pages: bool = True  # whether the page is written too, or data to make it from
 
     @property

@@ -22,13 +22,11 @@ DC_RESISTANCE, DC_CONSTANT, DC_KP, DC_KD, DC_VOLTAGE = 0, 1, 4, 6, 7  # entries 
 DC_TIME_CONSTANT = 0  # entry of ``dynprm`` of MuJoCo's DC motor: its electrical time constant, s
 DC_TEMPERATURE_COEFFICIENT = 2
 """Entry of ``gainprm`` of MuJoCo's DC motor; at 1, its temperature is the rise of its resistance as a share of it."""
-DC_HEAT = slice(2, 4)
-"""Entries of ``dynprm`` of MuJoCo's DC motor: thermal resistance, K/W, and heat capacity, J/K, of its windings."""
+DC_HEAT = slice(2, 4)  # of ``dynprm`` of MuJoCo's DC motor: thermal resistance, K/W, and heat capacity, J/K
 POSITION_INPUT, FEED_FORWARD_INPUT, NO_INPUT = 1, 4, 16
 """MuJoCo's input signatures of a DC motor whose one control is a set point or a torque, and of one without any control
 (bits; velocity is 2)."""
-LUGRE_BIAS = slice(3, 6)
-"""Entries of ``biasprm`` of MuJoCo's DC motor: Coulomb and static friction, N·m, and Stribeck's speed, rad/s."""
+LUGRE_BIAS = slice(3, 6)  # of ``biasprm`` of MuJoCo's DC motor: friction at speed and at rest, N·m, Stribeck's speed
 LUGRE_DYNAMICS = slice(5, 7)
 """Entries of ``dynprm`` of MuJoCo's DC motor: stiffness and damping of its bristles, N·m/rad and N·m·s/rad."""
 

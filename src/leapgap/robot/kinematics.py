@@ -182,8 +182,7 @@ def feet_load(robot: Robot, motion: Motion, acceleration: np.ndarray, torque: np
     return load
 
 
-DEEPEST_M = 0.015
-"""Ground that bears the weight of a robot no sooner than at this depth does not: the motors give way instead."""
+DEEPEST_M = 0.015  # ground that bears a robot's weight no sooner than at this depth does not: motors give way
 HALVINGS = 9  # number of times that this depth is halved: to 0.03 mm
 
 

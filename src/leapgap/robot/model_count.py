@@ -23,11 +23,9 @@ from xml.parsers import expat
 
 LARGEST_XML_BYTES = 64 << 20
 LARGEST_FILE_BYTES = 256 << 20
-LARGEST_TOTAL_BYTES = 1 << 30
-"""Largest size of a model file, of a mesh, height field or texture, and of all of them together."""
+LARGEST_TOTAL_BYTES = 1 << 30  # largest size of a model file, of a mesh, height field or texture, and of all
 LARGEST_MODEL_BYTES = 1 << 30  # largest size of a compiled model, with the working memory of its simulation
-MOST_ELEMENTS = 200_000
-"""Largest number of elements of a model after ``replicate`` and ``composite`` have multiplied them."""
+MOST_ELEMENTS = 200_000  # largest number of elements once ``replicate`` and ``composite`` have multiplied them
 DEEPEST = 200  # largest number of elements inside one another
 MOST_FILES, MOST_TRIES = 2000, 200_000  # largest number of files, and of places where they are looked for
 ELEMENT_BYTES, LEVEL_BYTES, NUMBER_BYTES = 500, 40, 8

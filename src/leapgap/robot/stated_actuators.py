@@ -46,13 +46,10 @@ class JointActuator:
     joint: str
     name: str
     driven: bool  # false for a passive joint, which no actuator of the file drives
-    limit: tuple[float, float] = UNLIMITED
-    """Range of the torque, N·m (N for slides); infinite where the file states none."""
+    limit: tuple[float, float] = UNLIMITED  # range of the torque, N·m (N for slides); infinite where not stated
     armature: float = 0.0  # inertia that the file gives to actuators and not to the joint, kg·m²
-    damping: tuple[float, ...] = (0.0, 0.0, 0.0)
-    """Damping that the file gives to actuators: coefficients of q̇, |q̇| q̇ and q̇³."""
-    has_bias: bool = False
-    """Whether an actuator of the file depends on the joint's state, as servos do; a torque motor does not."""
+    damping: tuple[float, ...] = (0.0, 0.0, 0.0)  # that the file gives to actuators: coefficients of q̇, |q̇| q̇, q̇³
+    has_bias: bool = False  # whether an actuator of the file depends on the joint's state, as servos do
 
 
 def actuators_of(

@@ -15,8 +15,7 @@ SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
 class Feet:
     """The feet of a compiled model, in their order."""
 
-    geoms: np.ndarray
-    """Geom of each foot that touches the ground, (feet,): the foot itself, or the one nearest to it on its body."""
+    geoms: np.ndarray  # geom of each foot that touches the ground, (feet,): the foot, or its body's nearest to it
     sites: np.ndarray  # site of each foot that is one, (feet,); −1 for a foot that is a geom
     height: np.ndarray  # height of the foot's point above its sole in the rest pose, m, (feet,): the radius of a sphere
 

@@ -19,8 +19,7 @@ PARTIAL = re.compile(r"\.(?P<name>.+)\.(?P<host>[A-Za-z0-9]{1,20})-(?P<pid>\d+)-
 LARGEST_JSON = 256 << 20  # bytes of a JSON file that is read
 METRIC_DIGITS = 4  # significant digits of figures that are committed
 LONGEST_NAME = 150  # characters of a name that its temporary name repeats, so that it stays a valid one
-TEMPORARY: set[Path] = set()
-"""Temporary files and folders of this process that exist now; what ends it at once removes them."""
+TEMPORARY: set[Path] = set()  # temporary files and folders of this process; what ends it at once removes them
 
 
 def partial(path: Path) -> Path:

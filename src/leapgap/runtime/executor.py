@@ -19,8 +19,7 @@ from typing import Any, TypeVar
 from leapgap.errors import InputError, needs
 from leapgap.runtime.processes import starting_workers
 
-UNUSED = r"\d+ tasks (have been|which were)"
-"""What joblib warns of where an error ends the work; the error itself is the message."""
+UNUSED = r"\d+ tasks (have been|which were)"  # what joblib warns of where an error ends the work, which says enough
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

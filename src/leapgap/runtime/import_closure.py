@@ -24,8 +24,7 @@ LOADER = "classes_by_name"
 class ModuleReading:
     """What the file of a module says, from one parse: syntax trees of all modules would fill the memory."""
 
-    imports: frozenset[str]
-    """Modules of the tree, and outermost packages of others, that it imports (``SourceTree.imports``)."""
+    imports: frozenset[str]  # modules of the tree and outermost packages of others (``SourceTree.imports``)
     data_names: frozenset[str]  # string literals that end like a data file
     meaning: str  # SHA-256 of what the code says (``meaning``)
 
@@ -34,8 +33,7 @@ class ModuleReading:
 class SourceTree:
     """The modules below some package folders, and what they import."""
 
-    packages: tuple[Path, ...]
-    """Folders of top-level packages; a module's dotted name begins with the name of its folder."""
+    packages: tuple[Path, ...]  # folders of top-level packages; dotted names begin with the folder's name
 
     @cached_property
     def modules(self) -> dict[str, Path]:
@@ -240,8 +238,7 @@ def digest_of(tree: ast.Module) -> str:
 
 
 EMPTY_TEXT = "Constant(value='')"
-LAYOUT = ("kind", "type_comment", "ctx")
-"""Fields of a syntax tree that say how something is written, or repeat where it stands."""
+LAYOUT = ("kind", "type_comment", "ctx")  # fields of a syntax tree that say how something is written, or where
 
 
 def is_silent(node: object) -> bool:

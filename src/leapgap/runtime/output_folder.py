@@ -298,8 +298,7 @@ def claim_folder(folder: Path, by: str) -> Path:
     return path
 
 
-STATES: dict[Path, str] = {}
-"""What became of each output folder of this run, in words, for a message when it ends early."""
+STATES: dict[Path, str] = {}  # what became of each output folder of this run, for a message when it ends early
 
 
 def what_is_kept() -> str:

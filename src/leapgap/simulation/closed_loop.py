@@ -30,8 +30,7 @@ class Disturbance:
     begin_s: float
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Sudden change of forward velocity and of upward velocity, m/s, and of pitch rate, rad/s, at ``begin_s``."""
-    force_n: tuple[float, float] = (0.0, 0.0)
-    """Constant forward and upward force on the base's centre of mass from ``begin_s`` on, N."""
+    force_n: tuple[float, float] = (0.0, 0.0)  # forward and upward, on the base's centre of mass from ``begin_s`` on
     duration_s: float = 0.0  # how long the force lasts
 
     def __str__(self) -> str:
@@ -62,8 +61,7 @@ def disturb(
 
 ROUNDING = 1e-6  # tolerance on a number of control periods, so that rounding does not add one to a whole number
 ROOM = 8  # space for commands that were sent, in histories
-MEMORY_S = 0.063
-"""Least length of the history that effects with a memory (delay, latency) see, s; see ``Effect.memory_s``."""
+MEMORY_S = 0.063  # least history that effects with a memory (delay, latency) see, s; see ``Effect.memory_s``
 
 
 @dataclass(frozen=True)
@@ -113,8 +111,7 @@ class Plant:
         self.sent: list[Command] = []
         self.kept: tuple[np.ndarray, ...] = ()
         """Torques, positions and velocities that were sent, the first of all held before them, (ticks, joints) each."""
-        self.kept_ticks = 0
-        """Rows of them that are filled."""
+        self.kept_ticks = 0  # rows of them that are filled
         memory_s = max([MEMORY_S, *(effect.memory_s for effect in overriding(effects, "memory_s"))])
         self.memory = 1 + math.ceil(memory_s / self.period_s - ROUNDING)
         """Ticks from the oldest one that still counts to the newest."""

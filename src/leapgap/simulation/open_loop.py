@@ -22,8 +22,7 @@ from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import NoiseRows, SensorNoise
 
-LARGEST_DEPTH_M = 0.002
-"""Largest penetration of a foot at the start. The contact resolves it; a deeper one would throw the robot."""
+LARGEST_DEPTH_M = 0.002  # largest depth of a foot at the start; contact resolves it, and deeper ones throw the robot
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ from leapgap.simulation.rollout import Rollout, Starts, joint_gains
 from leapgap.simulation.rollout_models import RolloutModels
 from leapgap.simulation.working_models import WorkingModel, without_warnings
 
-FINER = 0.255
-"""Largest step of the finer of two replays, as a share of the usual one, by which the effect of the step is known."""
+FINER = 0.255  # largest step of the finer of two replays that tell what a step does, as a share of the usual one
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,7 @@ class OwnNumbers:
     """Numbers of one robot in the pose that its motions start from."""
 
     torque: np.ndarray  # largest torque of the motor of each joint, N·m, (joints,)
-    inertia: np.ndarray
-    """Inertia that each motor turns where no other joint moves, its armature included, kg·m², (joints,)."""
+    inertia: np.ndarray  # that each motor turns where no other joint moves, with armature, kg·m², (joints,)
     mass: float  # of the whole robot, kg
     length: float  # height of a free base above the ground, or how far the links of a held robot are from its base, m
     period: float  # time between two commands of its motions, s
@@ -118,10 +117,8 @@ class FurtherKinds:
     """What is drawn for the further kinds."""
 
     counts: Mapping[str, FurtherCounts]  # half → numbers of cases; none of a half that is not there
-    clocks: Sizes
-    """Clock family → size → [least, most], its logarithm drawn evenly; families are used in turn, in this order."""
-    too_high: Sizes
-    """Effect → parameter → [least, most] share of the model's own value that the robot has, drawn evenly."""
+    clocks: Sizes  # clock family → size → [least, most], its logarithm drawn evenly; families take turns in this order
+    too_high: Sizes  # effect → parameter → [least, most] share of the model's own value that the robot has, evenly
 
 
 def draw_cases(

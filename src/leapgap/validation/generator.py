@@ -60,8 +60,7 @@ class Physics:
 
 
 INTEGRATOR, CONE = mujoco.mjtIntegrator, mujoco.mjtCone
-USUAL = Physics("usual", INTEGRATOR.mjINT_EULER, (0.88, 0.955, 0.0012))
-"""That of every case whose kind asks for no other."""
+USUAL = Physics("usual", INTEGRATOR.mjINT_EULER, (0.88, 0.955, 0.0012))  # of cases whose kind asks for no other
 IMPLICIT = Physics("implicit", INTEGRATOR.mjINT_IMPLICIT, USUAL.impedance)
 """That of robots whose diagnosing simulation uses Euler's method, as the usual one does."""
 OTHERS: Mapping[str, Physics] = {

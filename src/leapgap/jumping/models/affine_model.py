@@ -89,8 +89,7 @@ def columns(names: Sequence[str], situation: Situation) -> list[Any]:
     return [FEATURES[name](situation) for name in names]
 
 
-KNOWN = 17
-"""Numbers of a situation as one row: state, start, foot, time; x counts from the start, so its place there is 0."""
+KNOWN = 17  # Numbers of a situation as one row: state, start, foot, time; x counts from the start, hence a 0
 KNOWN_FOOT = slice(12, 16)  # Columns of foot − base in such a row
 
 

@@ -44,8 +44,7 @@ class RosOptions(TableOptions):
     """Options of ROS recordings. Theirs are called ``/topic/field.field[index]``, in messages with names of joints
     ``/joint_states/position[knee]``."""
 
-    clock: str | None = None
-    """The topic whose messages are the rows; none: the one that measured positions of joints come from."""
+    clock: str | None = None  # topic whose messages are the rows; none: that of measured positions of joints
     stamps: str = RECEIVED  # times of the messages: when they were ``received``, or as ``stamped`` in their headers
     message_files: list[str] = field(default_factory=list)
     """Definitions of messages (``package/msg/Name.msg``), for an SQLite recording that does not hold them itself."""

@@ -167,8 +167,7 @@ def own_rate(attitude: Attitude, found: Mapping[str, Sequence[str]], evidence: E
     return True, of_base, float(size[0])
 
 
-GRAVITY_OF_BASE = "gravity"
-"""Direction of gravity in base axes, of length 1: no quantity of a log, but it tells the attitude."""
+GRAVITY_OF_BASE = "gravity"  # direction of gravity in base axes, of length 1: in no log, but it tells the attitude
 WORDS = {
     "base_quat": {"quat", "quaternion", "orientation"},
     "base_angvel": {"gyro", "gyroscope", "angvel", "angular"},

@@ -15,12 +15,10 @@ MOST_MEANT, SPAN_S = 10, 0.1
 """Rows, and at most so many s, over which rates are means: ticks of encoders are then small, and motions are not."""
 CLEAR = 0.8  # correlation from which on two columns belong together
 BETTER = 0.1  # another order, or the opposite sign, must be better by this much
-LATEST = 0.25
-"""What the longest delay that is tried costs of a correlation: of two explanations the faster one is believed."""
+LATEST = 0.25  # what the longest delay costs of a correlation: of two explanations the faster one is believed
 DELAYS = 12
 MARGIN_RAD = 0.1  # positions may lie beyond the limits by this much: play, soft stops
-TURN_RAD = 2 * math.pi - 0.2
-"""Limits that are further apart are no stops: the joint may turn over, whatever the model file says."""
+TURN_RAD = 2 * math.pi - 0.2  # limits further apart are no stops: the joint may turn over, whatever the file says
 SPUN_RAD = 3 * math.pi  # a joint without stops that is further from zero is rather one of another unit
 
 
@@ -204,12 +202,10 @@ class Evidence:
     their_joints: list[str] | None = None
     """What the first family calls our joints, in our order: what ``*`` stands for in their names."""
     named: set[str] = field(default_factory=set)  # quantities whose columns name the robot's joints
-    unplaced: set[str] = field(default_factory=set)
-    """Quantities with columns of which nobody can say which joint each is of."""
+    unplaced: set[str] = field(default_factory=set)  # quantities with columns of which nobody can say whose each is
     position_unit: str = "rad"
     certainty: str = GUESSED  # how sure that unit is: what follows from it is no surer
-    torque_alone: bool = False
-    """Whether the torques that were sent explain the measured ones, so that no joint PD acts beside them."""
+    torque_alone: bool = False  # whether torques that were sent explain the measured ones: no joint PD beside
 
     def no_surer(self, *others: str) -> str:
         """Sure where the unit of the positions and all others are, else a guess."""

@@ -48,8 +48,7 @@ class Family:
 
     template: str
     members: dict[str, str]  # what stands for ``*`` → the column, in the order of the file
-    joints: dict[str, str]
-    """What stands for ``*`` → the joint of the robot that it names; empty where it is a number or another word."""
+    joints: dict[str, str]  # what stands for ``*`` → the joint that it names; empty where numbers or other words do
     quantity: str
     preference: int  # more of it: rather this family for its quantity
 

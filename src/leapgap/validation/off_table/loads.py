@@ -79,8 +79,7 @@ class LooseBattery(MovingMass):
         model.dof_frictionloss[model.jnt_dofadr[joint]] = BATTERY_FRICTION * self.mass_kg * GRAVITY
 
 
-ANCHOR_M = np.array([-1.0, 0.0, 0.4])
-"""Anchor of the tether relative to the first position of the trunk, m: behind and above it."""
+ANCHOR_M = np.array([-1.0, 0.0, 0.4])  # anchor of the tether from the trunk's first place, m: behind and above
 DRAG_AREA = 0.1  # ½ ρ c_d A of a quadruped from the front, N·s²/m²: about 0.6 kg/m³ × 1.3 × 0.12 m²
 STICKY_M = 0.005  # height above the ground up to which the floor holds a foot
 RISING_M_S = 0.02  # speed of a rising foot from which the floor holds with its whole force

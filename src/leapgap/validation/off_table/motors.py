@@ -61,8 +61,7 @@ class CableSpring(OffTableEffect):
                 model.qpos_spring[address] = robot.model.key_qpos[0, address]
 
 
-COGS = 40
-"""Cogging periods per turn of the joint: 36 rotor slots behind the gear would give more, the planet gears fewer."""
+COGS = 40  # cogging periods per turn of the joint: rotor slots behind the gear give more, planet gears fewer
 TOOTH_STIFFNESS = 4000.0  # stiffness of the teeth in contact, N·m/rad
 TOOTH_DAMPING = 2.0  # damping of the teeth in contact, N·m·s/rad
 

@@ -28,8 +28,7 @@ class Error:
     model: Callable[[mujoco.MjModel], None] | None = None
     file_limit: np.ndarray | None = None  # largest torques that the model file states, (joints,), N·m
     held_rows: int = 1  # rows for which the log repeats a set point while the robot has every one
-    velocity: Callable[[np.ndarray, float], np.ndarray] | None = None
-    """Logged from true velocities (rows, joints) with this period."""
+    velocity: Callable[[np.ndarray, float], np.ndarray] | None = None  # logged from true ones, by the period
     same: tuple[str, ...] = ()  # effects that do just the same on this robot
     told: str | None = None  # words by which a check may tell it; None: no check can
     is_fact: bool = False  # whether it is of the log alone, so that no effect is to be named

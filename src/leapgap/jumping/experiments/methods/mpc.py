@@ -198,8 +198,7 @@ def kicked(task: JumpTask, period_s: float, rng: np.random.Generator) -> JumpTas
     return replace(task, kick_m_s=0.2, kick_rad_s=1.0, disturbed_at_s=(at_s,))
 
 
-BEFORE_TAKE_OFF_S = 0.15
-"""Time before take-off from which landings are predicted: the learned MPC has little left to decide then."""
+BEFORE_TAKE_OFF_S = 0.15  # Time before take-off from which landings are predicted: little is left to decide then
 
 
 def judged(jumps: Sequence[DeviatingJump], model: DeviationModel) -> Round:
