@@ -66,11 +66,6 @@ class ActuatorLog:
         return ForceContext(robot, robot.model, *own, commands, kp, kd, self.step_s)
 
     @cached_property
-    def position_error(self) -> np.ndarray:
-        """Set point less position, rad."""
-        return np.asarray(self.at.commands.position - self.at.position)
-
-    @cached_property
     def torque(self) -> np.ndarray:
         """Torque at the joints beside the feed-forward, N·m: the log's, or what the motion needs of the nominal model.
 
@@ -104,7 +99,7 @@ class ActuatorLog:
         """Position errors, newest first, then velocities likewise, (steps − history + 1, 2 history)."""
         columns = [
             values[history - 1 - lag : len(values) - lag, joint]
-            for values in (self.position_error, self.at.velocity)
+            for values in (self.at.commands.position - self.at.position, self.at.velocity)
             for lag in range(history)
         ]
         return np.stack(columns, axis=1)

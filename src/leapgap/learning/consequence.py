@@ -192,15 +192,11 @@ class PolicyRun:
             target[order] = offset + self.map.scale * last
             reading = simulator.step(target, kp=self.map.kp, kd=self.map.kd)
             qpos = simulator.state[0].copy()
-            if not (np.abs(qpos) < LOST).all() or (self.robot.has_free_base and has_fallen(qpos, height)):
+            fallen = self.robot.has_free_base and (qpos[2] < FALLEN * height or upright_cosine(qpos[3:7]) < TILTED)
+            if not (np.abs(qpos) < LOST).all() or fallen:
                 return np.array(course).reshape(-1, self.robot.model.nq), reading.time_s
             course.append(qpos[: self.robot.model.nq])
         return np.array(course), None
-
-
-def has_fallen(qpos: np.ndarray, height: float) -> bool:
-    """Whether a floating base has come down or leans too far."""
-    return bool(qpos[2] < FALLEN * height or upright_cosine(qpos[3:7]) < TILTED)
 
 
 def consequence(

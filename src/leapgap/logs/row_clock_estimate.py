@@ -272,7 +272,7 @@ def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
 def moving_channels(log: Log, every: Stream) -> list[int]:
     """Channels that move in enough rows to have a say in a clock."""
     period = float(log.time[-1] - log.time[0]) / (len(log) - 1)
-    return [k for k in range(every.position.shape[1]) if every.channel(k).share_in_motion(period) > MOVING]
+    return [k for k in range(every.position.shape[1]) if every.channel(k).moves(period).mean() > MOVING]
 
 
 def scatter_alike(halves: Sequence[tuple[np.ndarray, np.ndarray]], expected: np.ndarray, precision: np.ndarray) -> bool:

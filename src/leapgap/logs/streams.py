@@ -51,10 +51,6 @@ class Stream:
         """Distance between neighbouring values of each position, (channels,): an encoder's count, or the last digit."""
         return resolution_of(self.position)
 
-    def share_in_motion(self, period_s: float) -> float:
-        """Share of the rows in which its velocity moves a channel visibly."""
-        return float(self.moves(period_s).mean())
-
     def channel(self, chosen: int | Sequence[int]) -> "Stream":
         """The message with some of its channels."""
         at = [chosen] if isinstance(chosen, int) else list(chosen)
@@ -78,24 +74,17 @@ def quiet_noise(values: np.ndarray) -> np.ndarray:
 
 def streams_of(log: Log, joints: Sequence[str]) -> list[Stream]:
     """The messages that a log was written from: joints that repeat together come together, and the base."""
-    found = [
-        joint_stream(log, joint) for joint in joints if f"joint_pos/{joint}" in log and f"joint_vel/{joint}" in log
-    ]
     together: dict[bytes, list[Stream]] = {}
-    for stream in found:
-        together.setdefault(stream.fresh.tobytes(), []).append(stream)
+    for joint in joints:
+        columns = (f"joint_pos/{joint}", f"joint_vel/{joint}")
+        if all(name in log for name in columns):
+            stream = Stream(joint, columns, *(log[name][:, None] for name in columns))
+            together.setdefault(stream.fresh.tobytes(), []).append(stream)
     merged = [merge(streams) for streams in together.values()]
     if all(name in log for name in (*BASE_POSITION, *BASE_VELOCITY)):
         own = tuple(name for name in log.columns if name.startswith("base_"))
         merged.append(Stream(BASE, own, log.stack(BASE_POSITION), log.stack(BASE_VELOCITY)))
     return merged
-
-
-def joint_stream(log: Log, joint: str) -> Stream:
-    """The message of one joint."""
-    columns = (f"joint_pos/{joint}", f"joint_vel/{joint}")
-    position, velocity = (log[name][:, None] for name in columns)
-    return Stream(joint, columns, position, velocity)
 
 
 def merge(streams: Sequence[Stream]) -> Stream:

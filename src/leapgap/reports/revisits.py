@@ -68,20 +68,16 @@ def ablation_result(case: Seen, folder: Path) -> dict[str, Any]:
 
 def experiment_cases(cases: list[Seen], number: int | None) -> list[Seen]:
     """Cases of detectable effects of the table with an ambiguous verdict that proposes further jumps."""
-    asking = (
-        case
-        for case in cases
-        if case.first.kind in ("single", "pair", "triple")
-        and case.first.verdict == "ambiguous"
-        and case.first.detectable
-        and is_runnable(case.report.get("next_experiment") or {})
-    )
-    return list(asking)[:number]
-
-
-def is_runnable(proposal: Mapping[str, Any]) -> bool:
-    """Whether the generator can make a proposal: by settings of ``collect``, or without new sensors."""
-    return bool(proposal.get("collect")) or proposal.get("settings", {}).get("kind", UNMADE[0]) not in UNMADE
+    asking = []
+    for case in cases:
+        proposal = case.report.get("next_experiment") or {}
+        made = (
+            proposal.get("settings", {}).get("kind", UNMADE[0]) not in UNMADE
+        )  # by the generator, without new sensors
+        is_effect = case.first.kind in ("single", "pair", "triple") and case.first.detectable
+        if is_effect and case.first.verdict == "ambiguous" and (proposal.get("collect") or made):
+            asking.append(case)
+    return asking[:number]
 
 
 def is_feasible(case: Seen, overrides: list[str]) -> bool:

@@ -138,8 +138,9 @@ class Robot:
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """Sentences on what of the model file is left out or changed."""
-        notes = self._reading[1]
-        if self.has_free_base and not self._has_ground:
+        notes, ground = self._reading[1], ground_geoms(self.model)
+        touched = (self.model.geom_contype[ground] | self.model.geom_conaffinity[ground]).any()
+        if self.has_free_base and not touched:
             notes = (*notes, "the model has no ground: the robot falls freely (a scene file may add the floor)")
         x, y, z = gravity = gravity_of(self.model)
         if np.abs(gravity - EARTH).max() > USUAL_GRAVITY:
@@ -160,11 +161,6 @@ class Robot:
         discard_visual(spec, self.path)  # meshes that only show take most of the time
         motors, on_motors = actuators_of(compile_spec(spec, self.path), self.path, all_driven=not stated)
         return motors, (*notes, *on_motors), stated
-
-    @property
-    def _has_ground(self) -> bool:
-        ground = ground_geoms(self.model)
-        return bool((self.model.geom_contype[ground] | self.model.geom_conaffinity[ground]).any())
 
     @cached_property
     def ground_height(self) -> float:

@@ -153,16 +153,11 @@ def check_contents(path: Path, by: str, kept: bool) -> None:
     if marker.by != by:
         do = "choose another output folder, or remove this one yourself"
         raise refusal(path, f"a folder that {marker.by} wrote", do)
-    foreign = [] if kept else foreign_files(path, marker)
-    if foreign:
+    known = set(marker.files)  # and not those of killed runs
+    foreign = [name for name in files_in(path) if name not in known and not is_partial(Path(name).name)]
+    if foreign and not kept:
         do = "move them elsewhere, or choose another output folder"
         raise refusal(path, f"{shown(foreign)} in it, which leapgap did not write there", do)
-
-
-def foreign_files(path: Path, marker: Marker) -> list[str]:
-    """Files below a folder that its marker does not list, without those of killed runs."""
-    known = set(marker.files)
-    return [name for name in files_in(path) if name not in known and not is_partial(Path(name).name)]
 
 
 def refusal(path: Path, found: str, do: str) -> InputError:
@@ -189,7 +184,10 @@ def whole_folder(folder: Path, by: str) -> Iterator[Path]:
         Marker(by, tuple(files_in(beside))).write(beside)
         if os.path.lexists(path):
             check_output(path, by)
-            replace_folder(path, beside)
+            old = path.with_name(beside.name.removesuffix(".partial") + REPLACED)
+            path.rename(old)
+            beside.rename(path)
+            remove_listed(old)
         else:
             beside.rename(path)
         STATES[path] = "is complete"
@@ -208,14 +206,6 @@ def staging_folder(path: Path, by: str) -> Iterator[Path]:
     finally:
         shutil.rmtree(beside, ignore_errors=True)
         TEMPORARY.discard(beside)
-
-
-def replace_folder(path: Path, new: Path) -> None:
-    """Put a folder in the place of an earlier output, and remove the files that its marker lists."""
-    old = path.with_name(new.name.removesuffix(".partial") + REPLACED)
-    path.rename(old)
-    new.rename(path)
-    remove_listed(old)
 
 
 def remove_listed(folder: Path) -> None:

@@ -94,16 +94,15 @@ def from_mapping(kind: type[Kind], values: Any, where: str) -> Kind:
         nearest = [question for name in unknown if (question := did_you_mean(str(name), fields))]
         expected, do = f"keys among {', '.join(sorted(fields))}", " ".join(nearest) or "correct them"
         raise InputError(where, f"the keys {', '.join(map(str, unknown))}", expected, do)
-    missing = [field.name for field in dataclasses.fields(kind) if is_needed(field) and field.name not in values]  # type: ignore[arg-type]
+    missing = [
+        field.name
+        for field in dataclasses.fields(kind)  # type: ignore[arg-type]
+        if field.default is field.default_factory is dataclasses.MISSING and field.name not in values
+    ]
     if missing:
         raise InputError(where, f"no {', '.join(missing)}", "every key that has no value of its own", "state it")
     types_of = typing.get_type_hints(kind)
     return kind(**{name: converted(types_of[name], value, f"{where}, {name}") for name, value in values.items()})
-
-
-def is_needed(field: dataclasses.Field) -> bool:
-    """Whether a field of a dataclass has no value unless it is stated."""
-    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
 def converted(kind: Any, value: Any, where: str) -> Any:

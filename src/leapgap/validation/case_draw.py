@@ -167,7 +167,8 @@ def draw_ordinary_cases(
         sampler = EffectSampler(sizes, signed, robot, rng)
         if own is not None:
             sampler = ShareSampler(sizes, signed, robot, rng, own)
-        known = [str(n) for n in rng.permutation(sorted(set(effects.known()) & set(sizes) & sampler.existing))]
+        existing = {effect for effect, kind in effects.known().items() if usable(kind, robot)}
+        known = [str(n) for n in rng.permutation(sorted(existing & set(sizes)))]
         drawn: list[tuple[str, tuple[Effect, ...]]] = []
         drawn += [("single", (sampler.sample(known[i % len(known)]),)) for i in range(half.single)]
         drawn += [("pair", sampler.sample_several(known, 2)) for _ in range(half.pair)]
@@ -241,11 +242,6 @@ class EffectSampler:
     signed: Sequence[str]
     robot: Robot
     rng: np.random.Generator
-
-    @property
-    def existing(self) -> set[str]:
-        """Effects of the table that exist on the robot."""
-        return {name for name, kind in effects.known().items() if usable(kind, self.robot)}
 
     def unit(self, parameter: Parameter, kind: type[Effect], location: str) -> float:
         """What one of ``sizes`` is, in the unit of the parameter."""

@@ -198,11 +198,6 @@ class ShiftTracker(JumpController):
         """How far trunk and feet were from the shifted plan at each update, (updates, 10)."""
         return self.recorder.deviations
 
-    @property
-    def kept_rows(self) -> int:
-        """Number of ticks that a deviation is averaged over."""
-        return self.recorder.kept_rows
-
     def _update(self, update: int, before: np.ndarray) -> None:
         """Choose the shift from this update on: the one before, until something sudden has happened."""
         deviation = self.recorder.keep(update)

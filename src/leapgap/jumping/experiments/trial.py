@@ -89,11 +89,11 @@ class Landing:
     success: bool  # Pitch below 15°, and half a second later all feet on the target surface and the base upright
 
 
-def landing(run: ClosedLoopRun, robot: Robot, first: int = 0, target_x_m: float | None = None) -> Landing:
-    """Landing of the jump that begins at row ``first``; the target distance is the log's unless one is given."""
+def landing(run: ClosedLoopRun, robot: Robot, first: int = 0) -> Landing:
+    """Landing of the jump that begins at row ``first``."""
     jump, truth = run.log, run.truth
     schedule, period = schedule_of(jump), jump.info.sample_period_s
-    target_x = target_of(jump).x_m if target_x_m is None else target_x_m
+    target_x = target_of(jump).x_m
     row, take_off = (
         min(len(jump) - 1, first + round(seconds / period)) for seconds in (schedule.landing_s, schedule.take_off_s)
     )

@@ -126,7 +126,7 @@ def tables_of(tracker: ShiftTracker) -> ControllerTables:
         "LARGEST_EFFORTS": int(np.diff(arrays["efforts_of_update"]).max()),
         "SAMPLES": len(arrays["landing_sample"]),
         **starts(tracker),
-        "KEPT": tracker.kept_rows,
+        "KEPT": tracker.recorder.kept_rows,
         "UPDATE_S": config.period_s,
         "STANCE_PITCH_RAD": float(tracker.stance_pitch),
         "MEASURED_UNTIL_S": 0.0 if late is None else late.until_s,

@@ -256,7 +256,8 @@ class Expansion:
         written: dict[str, dict[str, float]] = {}
         for key, value in sorted(self.options.columns.items(), key=lambda one: ANY_JOINT not in one[0]):
             terms = {value: 1.0} if isinstance(value, str) else value
-            if not isinstance(terms, Mapping) or not terms or not all(map(is_term, terms.items())):
+            sound = isinstance(terms, Mapping) and all(isinstance(c, str) and is_number(f) for c, f in terms.items())
+            if not terms or not sound:
                 expected = "the name of a column, or a mapping from names to factors"
                 raise InputError(f"{self.where}.columns, {key}", repr(value), expected, "correct it")
             for joint in self.joints if ANY_JOINT in key else ("",):
@@ -265,12 +266,6 @@ class Expansion:
                     column.replace(ANY_JOINT, name): float(factor) for column, factor in terms.items()
                 }
         return written
-
-
-def is_term(term: tuple[Any, Any]) -> bool:
-    """Whether an item of a sum is a column's name with a number."""
-    column, factor = term
-    return isinstance(column, str) and is_number(factor)
 
 
 def is_number(value: Any) -> bool:

@@ -51,11 +51,6 @@ class Attitude:
         order = next(words for words, order in ORDERS.items() if order == self.order)
         return f"{order}, world to base, which is turned round" if self.inverse else order
 
-    @property
-    def is_straight(self) -> bool:
-        """Whether the columns are w x y z, base to world, as they stand."""
-        return self.order == ORDERS["w x y z"] and not self.inverse
-
     def of(self, values: np.ndarray) -> np.ndarray:
         """Quaternions w x y z, base to world, of length 1, from the columns, (rows, 4)."""
         found = values[:, list(self.order)] * ([1, -1, -1, -1] if self.inverse else [1, 1, 1, 1])
@@ -224,7 +219,7 @@ def find_base(columns: Sequence[str], evidence: Evidence, proposal: Proposal) ->
     if "base_quat" in found:
         named = {"w", "x"} <= {column[-1].lower() for column in found["base_quat"]}
         attitude = attitude_by_physics(found, GRAVITY_OF_BASE, evidence, named)
-        if not named or not attitude.is_straight:
+        if not named or attitude.inverse or attitude.order != ORDERS["w x y z"]:
             known = SURE if attitude.known == SURE and evidence.time_known == SURE else GUESSED
             proposal.say(known, f"the quaternion of the base is {attitude.words}: {attitude.why}")
         found["base_quat"] = [attitude.columns[i] for i in attitude.order]
