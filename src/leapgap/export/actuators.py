@@ -21,8 +21,7 @@ class ActuatorSettings:
     friction: dict[str, float]  # Coulomb friction, a torque
     viscous_friction: dict[str, float]
     encoder_bias: dict[str, float]  # reported − true position: what is added to observed joint positions
-    delay_s: dict[str, tuple[float, float]]
-    """Least and largest delay of commands: the 95 % interval; twice the same where it is known."""
+    delay_s: dict[str, tuple[float, float]]  # least and largest delay of commands: the 95 % interval; equal where known
 
     @staticmethod
     def of(corrected: CorrectedRobot) -> "ActuatorSettings":

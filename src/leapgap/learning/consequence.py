@@ -18,8 +18,7 @@ from leapgap.robot.rotations import matrix_of, upright_cosine
 from leapgap.simulation.simulator import NOT_STEPPED, Reading, Simulator
 
 Network = Callable[[np.ndarray], np.ndarray]
-FALLEN, TILTED = 0.5, 0.5
-"""A robot has fallen below this share of its first height, or where up leans so far that its cosine is below."""
+FALLEN, TILTED = 0.5, 0.5  # a robot has fallen below this share of its first height, or with up at such a cosine
 LOST = 1e6  # positions beyond this have left the world of numbers
 
 
@@ -48,8 +47,7 @@ class PolicyMap:
     joints: tuple[str, ...] = ()  # joints of the actions in the order of the policy; empty: that of the model
     scale: float = 1.0
     offset: tuple[float, ...] = ()  # rad, in the order of ``joints``; empty: the pose at the start
-    start: tuple[float, ...] = ()
-    """Positions of the whole robot (nq,) in MuJoCo's order, at rest; empty: the first keyframe of its model."""
+    start: tuple[float, ...] = ()  # of the whole robot (nq,) in MuJoCo's order; empty: the first keyframe of its model
     limit: float = 100.0  # actions are cut at ± this
 
     def __post_init__(self) -> None:

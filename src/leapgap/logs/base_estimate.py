@@ -80,8 +80,7 @@ because some just lift or land, count less."""
 LEAST_DEVIATION = (0.01, 0.01, 0.03, 0.002)
 """Smallest standard deviations of velocity x, y, z, m/s, and of height, m: feet slip, and the ground gives way under a
 changing load."""
-ACCELERATION_S, ACCELERATION_ROWS = 0.03, 7
-"""Accelerations are slopes of parabolas through the velocities within this time, or so many rows."""
+ACCELERATION_S, ACCELERATION_ROWS = 0.03, 7  # slopes of parabolas through velocities in this time, or so many rows
 
 
 @dataclass(frozen=True)

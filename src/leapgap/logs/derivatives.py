@@ -10,8 +10,7 @@ from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 
 DEGREES = (2, 3)
-CHUNK_VALUES = 1 << 21
-"""The weights of this many values are in memory at once, so that a long log needs no more of it than a short one."""
+CHUNK_VALUES = 1 << 21  # weights of so many values are in memory at once, so that a long log needs no more of it
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ import numpy as np
 
 NORMAL_MEDIAN = 0.6745  # median absolute value of a standard normal number
 SMOOTH_PERIOD_S = 0.002  # up to this period the second differences of a robot's motion are tiny against those of noise
-HIGHER_ORDERS = (2, 4, 6)
-"""Orders of differences at longer periods: those of a smooth motion shrink with the order, those of noise do not."""
+HIGHER_ORDERS = (2, 4, 6)  # of differences at longer periods: smooth motions shrink with the order, noise does not
 QUIETEST_GAP, ROUNDING = 0.02, 1e-6
 """Share of the gaps between the values of a column that are narrower than its resolution; those that are narrower than
 ``ROUNDING`` times its spread are the rounding of numbers, and none."""

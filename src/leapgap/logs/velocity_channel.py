@@ -49,8 +49,7 @@ class VelocityColumn:
     """
     error: float  # error of the reported velocity by lag, ticks, unit and rest, standard deviation, rad/s or m/s
     noise: float  # standard deviation of its noise; 0 where rounding to its ticks explains it
-    error_if_derived: float
-    """Error of a velocity fitted through the positions, by what these resolve and by how they bend within the fit."""
+    error_if_derived: float  # of a velocity fitted through the positions, by what they resolve and how they bend
 
 
 def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[str, VelocityColumn]:

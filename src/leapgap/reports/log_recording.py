@@ -237,8 +237,7 @@ def in_words(info: LogInfo) -> list[str]:
     return lines
 
 
-GHOSTS = {"nominal": "nominal simulation", "corrected": "corrected simulation"}
-"""Subfolder of a folder of replays → label of its ghost."""
+GHOSTS = {"nominal": "nominal simulation", "corrected": "corrected simulation"}  # subfolder of replays → ghost
 JUDGED = "judged"  # subfolder of a folder of replays: the logs as judged, by their own clock where they have one
 DIAGNOSED = "diagnosis.json"
 """File of a folder of replays: ``log`` names the jump that shows the diagnosis, ``sentence`` is its conclusion."""

@@ -23,10 +23,8 @@ from leapgap.validation.outcome import CLAIMS, CaseOutcome, outcome
 from leapgap.validation.scoring import is_missed
 from leapgap.validation.seal import open_truth
 
-UNMADE = ("sensor", "jumps")
-"""Kinds of experiments that cannot be made: the generator has no sensors beside the state, and plans no jumps."""
-RUNNABLE = ("target", "targets", "jumps", "block_height_m")
-"""Settings of ``collect`` that the generator can follow for the robot of a case."""
+UNMADE = ("sensor", "jumps")  # kinds that cannot be made: the generator has no further sensors and plans no jumps
+RUNNABLE = ("target", "targets", "jumps", "block_height_m")  # settings of ``collect`` it can follow
 
 
 @dataclass(frozen=True)

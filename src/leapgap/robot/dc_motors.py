@@ -27,8 +27,7 @@ POSITION_INPUT, FEED_FORWARD_INPUT, NO_INPUT = 1, 4, 16
 """MuJoCo's input signatures of a DC motor whose one control is a set point or a torque, and of one without any control
 (bits; velocity is 2)."""
 LUGRE_BIAS = slice(3, 6)  # of ``biasprm`` of MuJoCo's DC motor: friction at speed and at rest, N·m, Stribeck's speed
-LUGRE_DYNAMICS = slice(5, 7)
-"""Entries of ``dynprm`` of MuJoCo's DC motor: stiffness and damping of its bristles, N·m/rad and N·m·s/rad."""
+LUGRE_DYNAMICS = slice(5, 7)  # of ``dynprm``: stiffness and damping of its bristles, N·m/rad and N·m·s/rad
 
 
 def make_dc_motors(

@@ -28,8 +28,7 @@ LARGEST_MODEL_BYTES = 1 << 30  # largest size of a compiled model, with the work
 MOST_ELEMENTS = 200_000  # largest number of elements once ``replicate`` and ``composite`` have multiplied them
 DEEPEST = 200  # largest number of elements inside one another
 MOST_FILES, MOST_TRIES = 2000, 200_000  # largest number of files, and of places where they are looked for
-ELEMENT_BYTES, LEVEL_BYTES, NUMBER_BYTES = 500, 40, 8
-"""What an element takes in a compiled model, more for each level above it, and a number."""
+ELEMENT_BYTES, LEVEL_BYTES, NUMBER_BYTES = 500, 40, 8  # what an element takes, more for each level above, and a number
 VERTEX_BYTES, PIXEL_BYTES, CELL_BYTES = 450, 4, 4
 """What a vertex of a built-in mesh takes with its hull, a pixel of a texture and a cell of a height field."""
 ORDINARY_ELEMENTS, ORDINARY_BYTES, ORDINARY_FILE_BYTES = 3000, 64 << 20, 128 << 20

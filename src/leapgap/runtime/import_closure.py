@@ -16,8 +16,7 @@ from pathlib import Path
 PACKAGE = Path(__file__).parent.parent  # folder of the installed library
 DATA = (".xml", ".html")  # endings of the files beside modules that modules read
 
-LOADER = "classes_by_name"
-"""Name of the function that imports all modules of a package; its callers depend on all modules of that package."""
+LOADER = "classes_by_name"  # the function that imports all modules of a package; its callers depend on them
 
 
 @dataclass(frozen=True)

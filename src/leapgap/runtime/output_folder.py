@@ -314,8 +314,7 @@ class HeldLock:
 
 
 LOCKS: dict[Path, HeldLock] = {}  # locks that this process holds, by their folders
-CHANGING = threading.RLock()
-"""Held by the thread that takes or frees one; it may collect a forgotten block, which frees another, meanwhile."""
+CHANGING = threading.RLock()  # for the thread that takes or frees one; it may collect a forgotten block meanwhile
 
 
 @contextmanager

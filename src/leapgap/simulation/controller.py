@@ -29,8 +29,7 @@ class Command:
     velocity: np.ndarray  # set point, rad/s
     kp: np.ndarray  # N·m/rad
     kd: np.ndarray  # N·m·s/rad
-    planned_force: np.ndarray
-    """u_mpc: ground force on the robot that the feed-forward stands for, front x z, rear x z, N, world axes, (4,)."""
+    planned_force: np.ndarray  # u_mpc, the ground force that the feed-forward stands for, front x z, rear x z, N, (4,)
 
 
 class Controller(ABC):

@@ -64,8 +64,7 @@ class CaseSetup:
     proof_jumps: int  # further jumps that stay with the truth; the realised closure of an answer is measured on them
     block_height_m: tuple[float, float]
     step_s: float
-    period_scatter: float
-    """Standard deviation from log to log of an effect that differs by log, as a share of its departure from nominal."""
+    period_scatter: float  # from log to log, of an effect that differs by log, as a share of its departure from nominal
     where_horizon_s: float  # length of the replays that localise the effects
     noise: SensorNoise = NOISE
     course: Course = field(default_factory=Course)

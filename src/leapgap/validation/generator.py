@@ -40,8 +40,7 @@ class Physics:
 
     name: str
     integrator: mujoco.mjtIntegrator
-    impedance: tuple[float, float, float]
-    """First numbers of MuJoCo's ``solimp`` of the feet: impedance at the surface and below, width, m."""
+    impedance: tuple[float, float, float]  # first of ``solimp`` of the feet: at the surface and below, width, m
     step_s: float | None = None  # time step; None: that of the setup
     cone: mujoco.mjtCone | None = None  # friction cone; None: that of the model
     friction_impedance: float | None = None  # MuJoCo's ``impratio``; None: that of the model

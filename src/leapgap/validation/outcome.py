@@ -14,8 +14,7 @@ LEAVES_A_REST = ("unknown", "partly")  # verdicts that say that something has no
 CLOCK = "sample_period"  # name of the effect as which a diagnosis names rows that are not what they claim
 DETECTABLE_FLOORS = 2.0  # an effect is detectable where it changes the motion's headline figure by so many floors
 PUBLISHED_CLOSURE = 0.8  # share of the gap of held-out published jumps that their diagnosis closes
-ORDINARY = ("single", "pair", "triple", "nameless", "none")
-"""Kinds of cases that the scores without a kind in their name are counted from."""
+ORDINARY = ("single", "pair", "triple", "nameless", "none")  # kinds of the scores without a kind in their name
 
 
 @dataclass(frozen=True)

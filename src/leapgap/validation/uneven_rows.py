@@ -53,8 +53,7 @@ class UnevenRows(OffTableEffect):
     name = "uneven_rows"
 
     lengths: np.ndarray | None = None  # true length of each row, in claimed periods, (rows,); None: one
-    shown: np.ndarray | None = None
-    """The row whose sample each row shows, of the base and of each limb, (rows, 1 + limbs); None: its own."""
+    shown: np.ndarray | None = None  # row whose sample each shows, of base and limbs; None: its own
 
     def change_rows(self, lengths: np.ndarray) -> np.ndarray:
         """True lengths of the rows."""

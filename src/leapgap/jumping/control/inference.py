@@ -77,8 +77,7 @@ class Phase:
 
     constant: np.ndarray  # (15,)
     feet: np.ndarray  # (4, 15), of foot − base, front x z, rear x z: the moments of the nominal body
-    parts: tuple[Callable[[np.ndarray], np.ndarray], ...]
-    """Functions from known inputs (n, 17) to outputs (n, 15), which are added up."""
+    parts: tuple[Callable[[np.ndarray], np.ndarray], ...]  # Functions from known inputs (n, 17) to summands (n, 15)
 
     def __call__(self, known: np.ndarray) -> np.ndarray:
         """Outputs (n, 15) of the known inputs (n, 17)."""

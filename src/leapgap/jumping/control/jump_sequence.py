@@ -143,8 +143,7 @@ class SequenceConfig:
 
     landing: LandingConfig = field(default_factory=LandingConfig)
     earliest_touch_s: float = 0.05  # Time after the planned take-off; feet that touch earlier have not left the ground
-    latest_touch_s: float = 0.3
-    """Time after the planned landing; where not both pairs are on the ground by then, the legs settle at once."""
+    latest_touch_s: float = 0.3  # Time after the planned landing by which both pairs must be down; else the legs settle
     confirm_s: float = 0.003  # Both pairs must touch for this long before the landing begins
     settle_s: float = 0.6  # Time from the end of the landing to the next jump, in which the legs move to its first pose
     settle_gains: JointGains = field(default_factory=lambda: JointGains(100.0, 3.0))

@@ -57,8 +57,7 @@ class FeedbackConfig:
     calm_noise: float = 0.03  # Standard deviation of what is unexpected of a deviation between updates, before any jump
     calm_change: float = 0.3  # The same of how the deviation of one update differs in the next by each of the ten
     calm_prior: float = 4.0  # So many jumps count what is known before any jump
-    weight: float = 3.0
-    """Standard deviation of what a deviation does to the landing, before any simulated jump, at a noise of one."""
+    weight: float = 3.0  # Deviation of what a deviation does to the landing, before simulated jumps, at a noise of one
     whole_m: float = 0.05
     """A kick that moves the landing farther along x is scaled down to that, so that large ones do not count most."""
 

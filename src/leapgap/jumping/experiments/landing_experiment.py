@@ -205,8 +205,7 @@ class LandingExperiment:
 
     settings: LandSettings
     methods: Mapping[str, MethodSettings]  # Settings in ``land.method_settings``, by name
-    variants: Mapping[str, Mapping[str, Any]]
-    """Simulated hardware by name, each with the effects it has: the section ``collect.variants``."""
+    variants: Mapping[str, Mapping[str, Any]]  # Hardware by name, each with its effects: ``collect.variants``
     tasks: Sequence[JumpTask]
     repeats: Mapping[str, int]  # Number of runs of each task, by its name
     robot: Robot

@@ -55,8 +55,7 @@ class JumpTask:
     uneven_m: tuple[float, float] = (0.0, 0.0)
     """Range of the height of the blocks that feet land on between the jumps, drawn evenly; 0: flat ground."""
     rear_block_m: tuple[float, float] = (0.0, 0.0)  # The same as ``block_m`` under the rear feet
-    stance_is_seen: bool = True
-    """Whether a robot can measure the ground it stands on before it jumps; else all methods take it for level."""
+    stance_is_seen: bool = True  # Whether a robot can measure its ground before it jumps; else it is taken for level
     crouch_error_rad: float = 0.0
     """Largest error of the joints in the crouch before the jump, drawn evenly for thighs and calves of each pair."""
     kick_m_s: float = 0.0  # Sudden change of the forward velocity, forward or back, once in the jump

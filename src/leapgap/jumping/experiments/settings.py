@@ -85,8 +85,7 @@ class GoalOffsets:
 class PracticeConfig:
     """How many training jumps are made, and to which targets; all of them are on flat ground, never on a box."""
 
-    identify_jumps: int = 4
-    """Number of the first jumps, from which effects in the joints are identified for the plans of all later ones."""
+    identify_jumps: int = 4  # Number of the first jumps, which identify effects in the joints for all later plans
     random_jumps: int = 16
     rounds: tuple[int, ...] = (10, 10)  # Jumps of each later round, to goals chosen with the model of all jumps before
     distance_m: tuple[float, float] = (0.32, 0.78)

@@ -74,8 +74,7 @@ def pair_force(run: ClosedLoopRun, robot: Robot) -> np.ndarray:
 LARGEST_PITCH_RAD = np.deg2rad(15)
 STANDS_AFTER_S = 0.5  # A successful landing is still upright after this time
 UPRIGHT_COSINE = np.cos(np.deg2rad(30))  # Cosine of the largest angle between the vertical of the base and the world's
-FOOT_ABOVE_SURFACE_M = 0.03
-"""Largest distance of a foot's lowest point from the target surface, or from the blocks on it, to stand on it."""
+FOOT_ABOVE_SURFACE_M = 0.03  # Largest distance of a sole from the target surface, or from blocks on it, to stand on it
 
 
 @dataclass(frozen=True)
@@ -137,8 +136,7 @@ class TrialSetup:
     sensing: Sensing = field(default_factory=Sensing)
     sequence: SequenceConfig = field(default_factory=SequenceConfig)
     course: Course = field(default_factory=Course)
-    body: RigidBody | None = None
-    """Rigid body that the landing controller assumes; None: the robot's own, in the pose that the plans begin in."""
+    body: RigidBody | None = None  # Body that the landing controller assumes; None: the robot's, as plans begin
 
 
 @dataclass(frozen=True)

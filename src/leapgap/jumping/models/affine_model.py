@@ -37,8 +37,7 @@ class AffineModel:
 
     bias: np.ndarray  # (n, 3), m/s² and rad/s²
     by_force: np.ndarray  # (n, 3, 4), per N of front x z, rear x z
-    by_state: np.ndarray | None = None
-    """(n, 3, 6), per unit of the state; None where a model is evaluated at a state, and not linearised there."""
+    by_state: np.ndarray | None = None  # (n, 3, 6), per unit of the state; None where not linearised there
 
     def at(self, which: Any) -> "AffineModel":
         """The moments that a mask or slice selects."""

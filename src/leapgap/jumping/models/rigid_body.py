@@ -13,8 +13,7 @@ from leapgap.robot.model import Robot
 
 GRAVITY = 9.81  # m/s²
 
-X, Z, PITCH, VX, VZ, PITCH_RATE = range(6)
-"""Layout of the state: position of the base in the world, m, pitch, rad, nose-down, and their rates."""
+X, Z, PITCH, VX, VZ, PITCH_RATE = range(6)  # The state: position of the base, m, pitch, rad, nose-down, and rates
 POSITION, VELOCITY = slice(0, 3), slice(3, 6)
 STATE = ("x", "z", "pitch", "vx", "vz", "pitch_rate")
 

@@ -52,8 +52,7 @@ class Source:
     figures: Mapping[str, str] = field(default_factory=dict)
     """Words → template of their value (``Shown``); where its key begins with ``?``, a file may lack it."""
     ranked: Ranked | None = None
-    pages: Mapping[str, str] = field(default_factory=dict)
-    """Files below ``data`` by what they are; those that do not exist are left out."""
+    pages: Mapping[str, str] = field(default_factory=dict)  # Files below ``data`` by what they are, if they exist
     report: str | None = None  # Folder of a diagnosis below ``data``, whose sentence is shown
 
 

@@ -83,8 +83,7 @@ class ColumnMap:
     """Our name → the unit in the file, such as ``joint_pos/*: deg``, ``joint_vel/*: rpm``, ``time: us``."""
     factors: dict[str, Any] = field(default_factory=dict)
     """Our name → factor of the file's values, one number or a list with one a joint, such as signs or gear ratios."""
-    offsets: dict[str, Any] = field(default_factory=dict)
-    """Our name → what is then added, in our unit; one number or a list with one a joint."""
+    offsets: dict[str, Any] = field(default_factory=dict)  # our name → what is then added, in our unit, likewise
     constants: dict[str, Any] = field(default_factory=dict)
     """Our name → one value for all rows, such as ``cmd_kp/*: 300``, or a list with one a joint."""
     joint_names: dict[str, str] = field(default_factory=dict)

@@ -39,8 +39,7 @@ class TableOptions(ColumnMap):
     there is none, the rows are this far apart."""
     repeated_times: str = REFUSE  # ``refuse`` time stamps that do not increase, or ``drop`` their rows and say so
     resample_s: float | None = None  # period of an even clock that the log is brought to; none: its own instants
-    steps: str | None = None
-    """Where there is no time: a column with the length of each row's step, which add up to it, in ``units.time``."""
+    steps: str | None = None  # without a time: a column with each row's step, which add up, in ``units.time``
     gains: str = LOGGED
     """``logged``, or ``unknown``: not in the file, or in the drive's own units. The log then has those that are mapped,
     else those of the model's position servos, as a start, and says that they are unknown."""

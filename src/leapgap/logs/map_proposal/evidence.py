@@ -191,16 +191,14 @@ class Evidence:
     robot: Robot
     stated: Mapping[str, Any] = field(default_factory=dict)
     """What the files say of themselves: ``period_s`` of the rows, ``unit`` of the positions."""
-    instants: np.ndarray | None = None
-    """The clock in its own unit, (rows,), and the units that it may be in, the likeliest first."""
+    instants: np.ndarray | None = None  # clock in its own unit, (rows,), and the units it may be in, likeliest first
     time_units: Sequence[str] = ()
     time: np.ndarray | None = None  # the same in s, by the unit that was chosen
     time_known: str = GUESSED
     values: dict[str, np.ndarray] = field(default_factory=dict)  # quantity → (rows, joints), SI, as far as known
     order: Sequence[str] = ()  # the robot's joints in the order of columns that name none
     order_words: str = ""
-    their_joints: list[str] | None = None
-    """What the first family calls our joints, in our order: what ``*`` stands for in their names."""
+    their_joints: list[str] | None = None  # what the first family calls our joints, in our order: their ``*``
     named: set[str] = field(default_factory=set)  # quantities whose columns name the robot's joints
     unplaced: set[str] = field(default_factory=set)  # quantities with columns of which nobody can say whose each is
     position_unit: str = "rad"
