@@ -1,4 +1,4 @@
-"""Write the controller of one jump as C, goal-shift MPC as NumPy and ONNX too, for a robot that runs without leapgap.
+"""Write the controller of one jump as C for a robot without leapgap; of goal-shift MPC its model as ONNX, too.
 
 Examples:
 

@@ -30,8 +30,7 @@ from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 
 PathLike = str | Path
-Logs = Sequence[Log] | PathLike
-"""Logs, or the file or folder to read them from."""
+Logs = Sequence[Log] | PathLike  # logs, or the file or folder to read them from
 
 
 def read_logs(

@@ -30,23 +30,18 @@ HIDDEN: tuple[dict[str, Any], ...] = (
 LOGS = 6
 ROWS = 1500
 PERIOD_S = 0.001
-KP, KD = 100.0, 2.0
-"""Gains of the joint PD, N·m/rad and N·m·s/rad."""
-STRETCH = 0.15
-"""Mean share of the joint angles of the crouch that the legs are stretched by."""
-COMMON, OWN = 0.10, 0.05
-"""Amplitudes of that share: common to all legs, and of each leg."""
+KP, KD = 100.0, 2.0  # gains of the joint PD, N·m/rad and N·m·s/rad
+STRETCH = 0.15  # mean share of the joint angles of the crouch that the legs are stretched by
+COMMON, OWN = 0.10, 0.05  # amplitudes of that share: common to all legs, and of each leg
 FREQUENCIES_HZ = (1.0, 2.5)
-BEGIN_S = 0.3
-"""Time in which the motion grows from standing."""
+BEGIN_S = 0.3  # time in which the motion grows from standing
 
 
 @dataclass(frozen=True)
 class DemoRobot:
     """A simulated robot with a hidden effect, and the logs of its motion."""
 
-    robot: Robot
-    """The robot as its model file has it, without the effect."""
+    robot: Robot  # the robot as its model file has it, without the effect
     hidden: Effect
     logs: tuple[Log, ...]
 

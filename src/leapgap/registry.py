@@ -9,8 +9,7 @@ from typing import TypeVar
 from leapgap.errors import InputError
 
 Kind = TypeVar("Kind")
-LONGEST_MESSAGE = 300
-"""Characters of another package's own message that are repeated."""
+LONGEST_MESSAGE = 300  # characters of another package's own message that are repeated
 
 
 def classes_by_name(package: ModuleType, base: type[Kind], group: str) -> dict[str, type[Kind]]:

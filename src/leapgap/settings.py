@@ -11,8 +11,7 @@ from leapgap.logs.files import check_file
 from leapgap.runtime.typed_values import MOST_BYTES, check_size, from_mapping, from_yaml
 
 Kind = TypeVar("Kind")
-YAML = (".yaml", ".yml")
-"""Endings of the files that are read as YAML; all others are JSON."""
+YAML = (".yaml", ".yml")  # endings of the files that are read as YAML; all others are JSON
 
 
 def from_json(kind: type[Kind], path: Path) -> Kind:

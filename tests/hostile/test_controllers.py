@@ -197,7 +197,6 @@ def test_torques_that_the_motors_can_deliver_are_sent_as_they_are(jump: tuple[Ro
         lambda: ForceLimits(friction=np.inf),
         lambda: LandingConfig(step_s=np.nan),
         lambda: LandingConfig(steps=0),
-        lambda: SolutionRequirements(deadline_s=np.nan),
         lambda: SolutionRequirements(primal_tolerance_n=np.nan),
     ],
 )

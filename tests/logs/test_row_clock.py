@@ -11,7 +11,8 @@ from leapgap.diagnosis.checks.base import CheckResult
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, LogInfo, check_read
 from leapgap.logs.row_clock import with_clock
-from leapgap.logs.row_clock_estimate import START, Blocks, Samples, row_clock
+from leapgap.logs.row_clock_estimate import START, Samples, row_clock, smooth
+from leapgap.logs.streams import CURVATURE
 from tests.plain_arm import EXAMPLE, JOINTS, KD, KP
 
 STEP_S = 0.001
@@ -254,9 +255,10 @@ def test_a_smoother_over_blocks_agrees_with_one_dense_gaussian() -> None:
     position = np.concatenate([np.zeros((1, 2)), moved]) + 5e-4 * rng.standard_normal((rows, 2))
     fresh = np.ones((rows, 2), dtype=bool)
     fresh[5], fresh[8, 0] = False, False
-    blocks = Blocks.of(Samples(position, velocity, fresh, np.full(2, 5e-4), np.full(2, 0.02)), claimed)
-    found = blocks.smooth(claimed, width)
-    speed, wander = blocks.speed[0], blocks.wander[0]
+    samples = Samples(position, velocity, fresh, np.full(2, 5e-4), np.full(2, 0.02))
+    lengths, deviation = smooth(samples, claimed, claimed, width)
+    speed, bend = (velocity[1:] + velocity[:-1]) / 2, np.abs(np.diff(velocity, axis=0))
+    wander = ((CURVATURE * bend) ** 2 + 0.02**2) * claimed[:, None] ** 2
     # Unknown: two first positions, the lengths, and what each channel moves beside its speed in each row.
     unknown = 2 + 3 * (rows - 1)
     at = np.zeros((rows, 2, unknown))
@@ -270,8 +272,8 @@ def test_a_smoother_over_blocks_agrees_with_one_dense_gaussian() -> None:
     seen = at[fresh]
     gain = before @ seen.T @ np.linalg.inv(seen @ before @ seen.T + 25e-8 * np.eye(len(seen)))
     after, spread = mean + gain @ (position[fresh] - seen @ mean), np.sqrt(np.diag(before - gain @ seen @ before))
-    assert np.allclose(found.mean, after[2 : 1 + rows], atol=1e-8)
-    assert np.allclose(found.spread, spread[2 : 1 + rows], atol=1e-8)
+    assert np.allclose(lengths, after[2 : 1 + rows], atol=1e-8)
+    assert np.allclose(deviation, spread[2 : 1 + rows], atol=1e-8)
 
 
 def test_a_long_log_is_smoothed_in_blocks_as_a_short_one_is() -> None:

@@ -12,11 +12,9 @@ from leapgap.errors import InputError, did_you_mean
 from leapgap.registry import classes_by_name
 from leapgap.robot.model_file import LARGEST
 
-ENTRY_POINTS = "leapgap.effects"
-"""Group under which an installed package offers effect classes."""
+ENTRY_POINTS = "leapgap.effects"  # group under which an installed package offers effect classes
 
-Registry = Mapping[str, type[Effect]]
-"""Effect classes by name."""
+Registry = Mapping[str, type[Effect]]  # effect classes by name
 
 
 class Kinds(dict[str, type[Effect]]):

@@ -77,8 +77,7 @@ def parameter(
     return field(default=nominal, metadata={PARAMETER: about})
 
 
-PARAMETER = "parameter"
-"""Key of a dataclass field's metadata under which its declaration stands."""
+PARAMETER = "parameter"  # key of a dataclass field's metadata under which its declaration stands
 
 
 class CommandStage(IntEnum):
@@ -127,8 +126,7 @@ class Load:
     """Step of the simulation, s."""
 
 
-SMALL = 0.01
-"""Departure from nominal by which derivatives are taken, as a share of the moderate one."""
+SMALL = 0.01  # departure from nominal by which derivatives are taken, as a share of the moderate one
 ACTING = (
     *("change_period", "change_rows", "change_step", "change_drive", "change_model", "change_spec"),
     *("change_commands", "torque_by_velocity", "put_controls"),

@@ -14,10 +14,8 @@ from leapgap.effects.measurements import lean, rotated
 from leapgap.robot.model import Robot
 from leapgap.robot.model_file import gravity_of
 
-LEAST_ARM_M = 1e-4
-"""A centre of mass nearer to its joint's axis than this has no direction away from it."""
-LEAST_INERTIA = 0.1
-"""Share of a link's smallest inertia that always stays."""
+LEAST_ARM_M = 1e-4  # a centre of mass nearer to its joint's axis than this has no direction away from it
+LEAST_INERTIA = 0.1  # share of a link's smallest inertia that always stays
 MARGIN = 1e-3
 """By how much the inertias of a body are within what bodies can have, so that a file with rounded numbers is, too."""
 
@@ -236,8 +234,7 @@ class LegMass(InertialEffect):
         model.body_inertia[links] *= self.scale
 
 
-LEAST_RANGE_M, MODERATE_COM = 0.05, 0.2
-"""Least limit of the search, and the noticeable value as a share of the limit."""
+LEAST_RANGE_M, MODERATE_COM = 0.05, 0.2  # least limit of the search, and the noticeable value as a share of the limit
 
 
 @dataclass(frozen=True)
@@ -286,8 +283,7 @@ class LinkInertia(InertialEffect):
 
 LARGEST_SHARES, MODERATE_SHARES = (3.0, 0.5), (0.3, 0.02)
 """Limit of the search and noticeable value: the larger of a share of the link's mass and of the robot's."""
-FARTHEST_M, MODERATE_M = 0.3, 0.1
-"""Limit of the search for the distance of a heavy payload, and a noticeable one."""
+FARTHEST_M, MODERATE_M = 0.3, 0.1  # limit of the search for the distance of a heavy payload, and a noticeable one
 LIGHT = 0.1
 """A payload below this share of its link's mass adds less inertia than a point at moment / mass, and none at zero mass:
 there a moment is a centre of mass that is elsewhere."""
@@ -358,8 +354,7 @@ class GravityDirection(InertialEffect):
         model.opt.gravity = rotated(model.opt.gravity[None], lean(self.roll_rad, self.pitch_rad))[0]
 
 
-LEAST_COMPENSATION = 1e-12
-"""MuJoCo compiles a compensation only where some body has one."""
+LEAST_COMPENSATION = 1e-12  # MuJoCo compiles a compensation only where some body has one
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ from leapgap.effects.base import (
 )
 from leapgap.robot.model import Robot
 
-NOTHING = 1e-17
-"""Weight from which on earlier rows do not count."""
+NOTHING = 1e-17  # weight from which on earlier rows do not count
 
 
 def first_order(values: np.ndarray, kept: float, before: np.ndarray) -> np.ndarray:
@@ -193,8 +192,7 @@ class DroppedCommands(MotorEffect):
         return commands.each(received)
 
 
-REMEMBERED = 30.0
-"""Time constants after which a set point is forgotten."""
+REMEMBERED = 30.0  # time constants after which a set point is forgotten
 
 
 @dataclass(frozen=True)
@@ -233,10 +231,8 @@ class SetPointFilter(MotorEffect):
         return replace(commands, position=smooth(commands.position), velocity=smooth(commands.velocity))
 
 
-AMPLE = 100.0
-"""A rate that limits nothing, rad/s."""
-REMEMBERED_S = 2.0
-"""A closed loop takes set points to have been reached so long ago."""
+AMPLE = 100.0  # a rate that limits nothing, rad/s
+REMEMBERED_S = 2.0  # a closed loop takes set points to have been reached so long ago
 
 
 @dataclass(frozen=True)
@@ -295,8 +291,7 @@ def follow(wanted: np.ndarray, most: float) -> np.ndarray:
     return np.asarray(np.array(ends) - 0.5 * share * np.clip(ahead, -most, most))
 
 
-LARGEST, MODERATE = 0.3, 0.03
-"""Limit of the search and noticeable value, as shares of the largest torque of the motors."""
+LARGEST, MODERATE = 0.3, 0.03  # limit of the search and noticeable value, as shares of the largest torque of the motors
 
 
 @dataclass(frozen=True)

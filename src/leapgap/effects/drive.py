@@ -14,10 +14,8 @@ import numpy as np
 from leapgap.robot import actuators, dc_motors
 from leapgap.robot.model import Robot
 
-LEAST_INERTIA = 0.5
-"""Share of a joint's inertia that a late damping leaves it."""
-COOLING_S = 60.0
-"""Time constant with which the windings of small motors give their heat to the housing."""
+LEAST_INERTIA = 0.5  # share of a joint's inertia that a late damping leaves it
+COOLING_S = 60.0  # time constant with which the windings of small motors give their heat to the housing
 
 
 @dataclass(frozen=True)

@@ -46,8 +46,7 @@ class JointDamping(AddedToJoints):
         return at.at_joints(location, -at.velocity)
 
 
-STILL_RAD_S = 0.01
-"""Speed below which a joint that starts or stops is between both directions."""
+STILL_RAD_S = 0.01  # speed below which a joint that starts or stops is between both directions
 
 
 @dataclass(frozen=True)
@@ -91,8 +90,7 @@ class QuadraticDamping(AddedToJoints):
 
 LARGEST_SHARE, MODERATE_SHARE = 0.05, 0.01
 """Limit of the search and noticeable value, as shares of the largest torque of the motors."""
-FADES_RAD_S = 0.02
-"""Below such speeds the torque fades out, as controllers let it lest it chatter."""
+FADES_RAD_S = 0.02  # below such speeds the torque fades out, as controllers let it lest it chatter
 
 
 @dataclass(frozen=True)
@@ -183,10 +181,8 @@ class LoadFriction(MotorEffect):
         control[:, push], control[:, damper] = slope * speed - friction * faded, slope
 
 
-STRIBECK_RAD_S = 0.1
-"""Speed over which the holding torque falls off as exp(−(q̇/v)²): that of greased gears."""
-DEFLECTION_RAD = 0.005
-"""Deflection of the teeth at which a joint breaks loose."""
+STRIBECK_RAD_S = 0.1  # speed over which the holding torque falls off as exp(−(q̇/v)²): that of greased gears
+DEFLECTION_RAD = 0.005  # deflection of the teeth at which a joint breaks loose
 BRISTLE_DAMPING_S = 0.002
 """Damping of the deflection, as a time: what it adds to the friction is that time times the stiffness."""
 MOST_SHARE = 0.15

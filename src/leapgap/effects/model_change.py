@@ -41,10 +41,8 @@ FIELDS = {
 MASS, INERTIA = "mass and centre of mass", "inertia"
 POSITIVE = ("dof_damping", "dof_frictionloss", "dof_armature", "jnt_stiffness")
 """Fields that no share of a change makes negative."""
-ROUNDING = 1e-5
-"""Largest relative difference of numbers that files round."""
-MOST = 2.0
-"""Largest share of a change."""
+ROUNDING = 1e-5  # largest relative difference of numbers that files round
+MOST = 2.0  # largest share of a change
 GAINS = {"gain": "torque_gain", "kp": "position_gain", "kd": "velocity_gain", "limit": "torque_limit"}
 """Numbers of the makers' actuators → the effect that scales them."""
 

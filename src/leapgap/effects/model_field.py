@@ -12,8 +12,7 @@ from leapgap.effects.base import Effect, Parameter, parameter, recompute_constan
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
 
-Row = Callable[[mujoco.MjModel, str], int]
-"""Index of the row of a field that belongs to an element of a name."""
+Row = Callable[[mujoco.MjModel, str], int]  # index of the row of a field that belongs to an element of a name
 
 ROWS: dict[str, Row] = {
     "body": lambda model, name: int(model.body(name).id),
@@ -26,10 +25,8 @@ ROWS: dict[str, Row] = {
     "tendon": lambda model, name: int(model.tendon(name).id),
 }
 """First part of a field's name → row of an element."""
-WHOLE = "opt"
-"""First part of the name of a field of the whole simulation, such as ``opt.density``."""
-NOT_OURS = ("opt.timestep",)
-"""Fields that the replay sets for itself: the step is the effect ``numerics``."""
+WHOLE = "opt"  # first part of the name of a field of the whole simulation, such as ``opt.density``
+NOT_OURS = ("opt.timestep",)  # fields that the replay sets for itself: the step is the effect ``numerics``
 FRAMES = {
     "body_ipos": ("body_sameframe", "geom_sameframe"),
     "body_iquat": ("body_sameframe", "geom_sameframe"),
@@ -39,8 +36,7 @@ FRAMES = {
     "site_quat": ("site_sameframe",),
 }
 """Fields that move a frame, and the marks of frames that coincide, which then hold no longer."""
-MODERATE = 0.1
-"""Noticeable departure, as a share of the way from the model's own value to the farther end of the range."""
+MODERATE = 0.1  # noticeable departure, as a share of the way from the model's own value to the farther end of the range
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,7 @@ import numpy as np
 
 from leapgap.effects.base import MotorEffect, Parameter, parameter
 from leapgap.robot.model import Robot
-from leapgap.robot.rotors import (
-    add_rotors,
-    joints_with_rotors,
-    mount_rotors,
-    reduced_inertia,
-    soften,
-)
+from leapgap.robot.rotors import add_rotors, joints_with_rotors, mount_rotors, reduced_inertia, soften
 
 
 @dataclass(frozen=True)
@@ -44,10 +38,8 @@ class RotorEffect(MotorEffect):
         """What holds rotor and joint together."""
 
 
-STIFF_RAD_S = 1000.0
-"""Natural frequency of rotor against link above which a joint counts as stiff."""
-MODERATE_COMPLIANCE, LARGEST_COMPLIANCE = 5.0, 50.0
-"""Noticeable and largest compliance, over that of a stiff joint."""
+STIFF_RAD_S = 1000.0  # natural frequency of rotor against link above which a joint counts as stiff
+MODERATE_COMPLIANCE, LARGEST_COMPLIANCE = 5.0, 50.0  # noticeable and largest compliance, over that of a stiff joint
 
 
 @dataclass(frozen=True)

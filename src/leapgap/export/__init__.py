@@ -9,8 +9,7 @@ from leapgap.registry import classes_by_name
 from leapgap.runtime.atomic_io import write_text
 from leapgap.simulation.corrected import README
 
-ENTRY_POINTS = "leapgap.exports"
-"""Group under which an installed package offers formats."""
+ENTRY_POINTS = "leapgap.exports"  # group under which an installed package offers formats
 
 
 @cache

@@ -14,20 +14,14 @@ from leapgap.runtime.atomic_io import write_text
 class ActuatorSettings:
     """Settings of the actuators of the driven joints, SI units; by joint, which keeps the order of the model."""
 
-    stiffness: dict[str, float | None]
-    """Gain kp of the joint PD times what the motor delivers of a torque; None where no log says it."""
-    damping: dict[str, float | None]
-    """Gain kd likewise."""
-    effort_limit: dict[str, float | None]
-    """None where the model states none."""
+    stiffness: dict[str, float | None]  # gain kp of the joint PD times what a motor delivers of a torque; None: unknown
+    damping: dict[str, float | None]  # gain kd likewise
+    effort_limit: dict[str, float | None]  # none where the model states none
     armature: dict[str, float]
-    friction: dict[str, float]
-    """Coulomb friction, a torque."""
+    friction: dict[str, float]  # Coulomb friction, a torque
     viscous_friction: dict[str, float]
-    encoder_bias: dict[str, float]
-    """Reported − true position: what is added to observed joint positions."""
-    delay_s: dict[str, tuple[float, float]]
-    """Least and largest delay of commands: the 95 % interval; twice the same where it is known."""
+    encoder_bias: dict[str, float]  # reported − true position: what is added to observed joint positions
+    delay_s: dict[str, tuple[float, float]]  # least and largest delay of commands: the 95 % interval; equal where known
 
     @staticmethod
     def of(corrected: CorrectedRobot) -> "ActuatorSettings":
@@ -83,8 +77,7 @@ def steps(delay_s, physics_dt):
 class PythonExport(Export):
     """A file of Python with the settings of the actuators."""
 
-    source: ClassVar[str]
-    """Its text, with ``settings``, ``steps`` and what is ``further`` in braces."""
+    source: ClassVar[str]  # its text, with ``settings``, ``steps`` and what is ``further`` in braces
 
     @abstractmethod
     def further(self, corrected: CorrectedRobot) -> dict[str, str]:

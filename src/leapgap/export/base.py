@@ -15,12 +15,9 @@ from leapgap.export.posterior import SIGMAS, Posterior
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected_model import changed_model, joint_numbers
 
-Gains = Mapping[str, tuple[float, float]]
-"""Joint → kp and kd of its joint PD, N·m/rad and N·m·s/rad."""
-DRAWN, SEED = 256, 0
-"""Number of robots that are drawn from the posterior, and seed of the draw."""
-LEAST_SHARE = 1e-9
-"""A number that varies by less than this share of its size is known."""
+Gains = Mapping[str, tuple[float, float]]  # joint → kp and kd of its joint PD, N·m/rad and N·m·s/rad
+DRAWN, SEED = 256, 0  # number of robots that are drawn from the posterior, and seed of the draw
+LEAST_SHARE = 1e-9  # a number that varies by less than this share of its size is known
 
 
 @dataclass(frozen=True)
@@ -41,18 +38,12 @@ class Range:
 class RobotNumbers:
     """Numbers of one robot that simulators randomise."""
 
-    joints: Mapping[str, np.ndarray]
-    """As ``joint_numbers``, (joints,) each."""
-    body_mass: np.ndarray
-    """Of the bodies of the model, kg, (bodies,)."""
-    body_ipos: np.ndarray
-    """Centres of mass in body axes, m, (bodies, 3)."""
-    body_inertia: np.ndarray
-    """Principal moments, kg·m², (bodies, 3)."""
-    body_iquat: np.ndarray
-    """Principal axes in body axes, (bodies, 4)."""
-    foot_friction: np.ndarray
-    """Sliding friction, (feet,)."""
+    joints: Mapping[str, np.ndarray]  # as ``joint_numbers``, (joints,) each
+    body_mass: np.ndarray  # of the bodies of the model, kg, (bodies,)
+    body_ipos: np.ndarray  # centres of mass in body axes, m, (bodies, 3)
+    body_inertia: np.ndarray  # principal moments, kg·m², (bodies, 3)
+    body_iquat: np.ndarray  # principal axes in body axes, (bodies, 4)
+    foot_friction: np.ndarray  # sliding friction, (feet,)
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
@@ -84,8 +75,7 @@ class CorrectedRobot:
 
     posterior: Posterior
     robot: Robot
-    gains: Gains
-    """Empty where no log says them."""
+    gains: Gains  # empty where no log says them
 
     @cached_property
     def bare(self) -> mujoco.MjModel:
@@ -173,10 +163,8 @@ class CorrectedRobot:
 class Export(ABC):
     """One file, or folder, beside a corrected robot that another simulator reads."""
 
-    name: ClassVar[str]
-    """Of the file or folder."""
-    says: ClassVar[str]
-    """What it holds, and for which version of the simulator."""
+    name: ClassVar[str]  # of the file or folder
+    says: ClassVar[str]  # what it holds, and for which version of the simulator
 
     def lacks(self, corrected: CorrectedRobot) -> str | None:
         """Why the file cannot be written of a robot; None where it can."""

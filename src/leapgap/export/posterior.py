@@ -11,22 +11,17 @@ from leapgap.diagnosis.report import Cause
 from leapgap.effects.base import Effect
 from leapgap.robot.model import Robot
 
-SIGMAS = 1.96
-"""Half the width of a 95 % interval, in standard deviations."""
+SIGMAS = 1.96  # half the width of a 95 % interval, in standard deviations
 
 
 @dataclass(frozen=True)
 class Posterior:
     """The numbers of some effects with their covariance."""
 
-    effects: tuple[Effect, ...]
-    """With the most likely numbers."""
-    numbers: tuple[tuple[int, str], ...]
-    """Of each number, the index of its effect and the name of its parameter."""
-    covariance: np.ndarray
-    """(numbers, numbers)."""
-    lower: np.ndarray
-    """Limits of the numbers, (numbers,)."""
+    effects: tuple[Effect, ...]  # with the most likely numbers
+    numbers: tuple[tuple[int, str], ...]  # of each number, the index of its effect and the name of its parameter
+    covariance: np.ndarray  # (numbers, numbers)
+    lower: np.ndarray  # limits of the numbers, (numbers,)
     upper: np.ndarray
 
     @property

@@ -13,11 +13,9 @@ from leapgap.robot.rotations import matrix_of
 from leapgap.runtime.atomic_io import write_text
 
 FILE, MESHES = "robot.urdf", "meshes"
-UNKNOWN = 1e6
-"""Limit of effort or speed where none is known, which a URDF must state: N·m, rad/s."""
+UNKNOWN = 1e6  # limit of effort or speed where none is known, which a URDF must state: N·m, rad/s
 WEIGHTLESS_KG, WEIGHTLESS_KGM2 = 1e-9, 1e-12
-CHANGED = 1e-9
-"""Share of a number by which it must differ to be written into a user's URDF."""
+CHANGED = 1e-9  # share of a number by which it must differ to be written into a user's URDF
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 
 
@@ -100,8 +98,7 @@ def tree_of(corrected: CorrectedRobot) -> ElementTree.Element:
     """
     robot, model = corrected.robot, corrected.bare
     root = ElementTree.Element("robot", {"name": robot.name or "robot"})
-    offset = np.zeros((model.nbody, 3))
-    """Of each link's frame in the frame of its body, m."""
+    offset = np.zeros((model.nbody, 3))  # of each link's frame in the frame of its body, m
     if not robot.has_free_base:
         ElementTree.SubElement(root, "link", {"name": "world"})
     for body in robot.bodies:

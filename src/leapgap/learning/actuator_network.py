@@ -30,8 +30,7 @@ from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import write_json, write_text
 from leapgap.simulation.rollout import joint_commands
 
-WINDOW_S = 0.03
-"""Window in which velocities are differenced to accelerations."""
+WINDOW_S = 0.03  # window in which velocities are differenced to accelerations
 
 
 @dataclass(frozen=True)
@@ -40,11 +39,9 @@ class ActuatorLog:
 
     log: Log
     robot: Robot
-    rows: np.ndarray
-    """Rows of the log, (steps,)."""
+    rows: np.ndarray  # rows of the log, (steps,)
     step_s: float
-    is_measured: bool
-    """Whether the torque is the log's own; else inverse dynamics tells it."""
+    is_measured: bool  # whether the torque is the log's own; else inverse dynamics tells it
 
     @staticmethod
     def of(log: Log, robot: Robot, step_s: float, is_measured: bool) -> "ActuatorLog":
@@ -67,11 +64,6 @@ class ActuatorLog:
         own = (motion.qpos[self.rows], motion.qvel[self.rows], acceleration[self.rows])
         commands = Commands(*(one[self.rows] for one in sent))
         return ForceContext(robot, robot.model, *own, commands, kp, kd, self.step_s)
-
-    @cached_property
-    def position_error(self) -> np.ndarray:
-        """Set point less position, rad."""
-        return np.asarray(self.at.commands.position - self.at.position)
 
     @cached_property
     def torque(self) -> np.ndarray:
@@ -107,7 +99,7 @@ class ActuatorLog:
         """Position errors, newest first, then velocities likewise, (steps − history + 1, 2 history)."""
         columns = [
             values[history - 1 - lag : len(values) - lag, joint]
-            for values in (self.position_error, self.at.velocity)
+            for values in (self.at.commands.position - self.at.position, self.at.velocity)
             for lag in range(history)
         ]
         return np.stack(columns, axis=1)
@@ -133,12 +125,10 @@ def actuator_logs(logs: Sequence[Log], robot: Robot, step_s: float) -> list[Actu
     return found
 
 
-HISTORY, STEP_S = 3, 0.005
-"""Steps of history, and their length: the physics step at which the network is to run."""
+HISTORY, STEP_S = 3, 0.005  # steps of history, and their length: the physics step at which the network is to run
 WIDTH, EPOCHS, RATE = 32, 300, 0.01
 FOLDS = 4
-UNLIMITED = 1e6
-"""Limit of torque and speed that stands for none."""
+UNLIMITED = 1e6  # limit of torque and speed that stands for none
 OPSET, IR_VERSION = 18, 10
 SOURCE = '''\
 """Actuator networks of a robot: `ACTUATORS` for {library}. They run at physics steps of {step_s:g} s.
@@ -162,12 +152,9 @@ class NetworkErrors:
     """Errors of the torque of one group on logs that were not fitted on, root mean square, N·m."""
 
     joints: tuple[str, ...]
-    torque: float
-    """Of the torque itself."""
-    joint_pd: float
-    """Of the joint PD as the log and model have it."""
-    named_causes: float | None
-    """With the causes of a report; None without one."""
+    torque: float  # of the torque itself
+    joint_pd: float  # of the joint PD as the log and model have it
+    named_causes: float | None  # with the causes of a report; None without one
     network: float
 
 
@@ -279,8 +266,7 @@ class ActuatorNetworks:
     robot: Robot
     step_s: float
     is_measured: bool
-    left_out: tuple[str, ...]
-    """Causes of the report whose torque is not known in closed form."""
+    left_out: tuple[str, ...]  # causes of the report whose torque is not known in closed form
 
     def __str__(self) -> str:
         """A table for a person."""

@@ -18,10 +18,8 @@ from leapgap.robot.rotations import matrix_of, upright_cosine
 from leapgap.simulation.simulator import NOT_STEPPED, Reading, Simulator
 
 Network = Callable[[np.ndarray], np.ndarray]
-FALLEN, TILTED = 0.5, 0.5
-"""A robot has fallen below this share of its first height, or where up leans so far that its cosine is below."""
-LOST = 1e6
-"""Positions beyond this have left the world of numbers."""
+FALLEN, TILTED = 0.5, 0.5  # a robot has fallen below this share of its first height, or with up at such a cosine
+LOST = 1e6  # positions beyond this have left the world of numbers
 
 
 @dataclass(frozen=True)
@@ -31,12 +29,9 @@ class Term:
     of: str
     """``joint_pos`` rad, ``joint_vel`` rad/s, ``base_angvel`` rad/s in base axes, ``base_linvel`` m/s in base axes,
     ``gravity`` (unit vector, base axes), ``base_height`` m, ``last_action``, or ``values``, which stand in the map."""
-    joints: tuple[str, ...] = ()
-    """Joints in the order of the policy; empty: those of the actions."""
-    values: tuple[float, ...] = ()
-    """Of ``values``: a command, such as the wanted velocity."""
-    less: tuple[float, ...] = ()
-    """What is taken away: of ``joint_pos`` the pose that is zero for the policy."""
+    joints: tuple[str, ...] = ()  # joints in the order of the policy; empty: those of the actions
+    values: tuple[float, ...] = ()  # of ``values``: a command, such as the wanted velocity
+    less: tuple[float, ...] = ()  # what is taken away: of ``joint_pos`` the pose that is zero for the policy
     scale: float = 1.0
 
 
@@ -45,20 +40,15 @@ class PolicyMap:
     """How a policy's numbers belong to a robot: set points are ``offset`` + ``scale`` × action."""
 
     observation: tuple[Term, ...]
-    kp: float
-    """Gains of the joint PD at all joints, N·m/rad and N·m·s/rad."""
+    kp: float  # gains of the joint PD at all joints, N·m/rad and N·m·s/rad
     kd: float
     period_s: float = 0.02
     seconds: float = 10.0
-    joints: tuple[str, ...] = ()
-    """Joints of the actions in the order of the policy; empty: that of the model."""
+    joints: tuple[str, ...] = ()  # joints of the actions in the order of the policy; empty: that of the model
     scale: float = 1.0
-    offset: tuple[float, ...] = ()
-    """rad, in the order of ``joints``; empty: the pose at the start."""
-    start: tuple[float, ...] = ()
-    """Positions of the whole robot (nq,) in MuJoCo's order, at rest; empty: the first keyframe of its model."""
-    limit: float = 100.0
-    """Actions are cut at ± this."""
+    offset: tuple[float, ...] = ()  # rad, in the order of ``joints``; empty: the pose at the start
+    start: tuple[float, ...] = ()  # of the whole robot (nq,) in MuJoCo's order; empty: the first keyframe of its model
+    limit: float = 100.0  # actions are cut at ± this
 
     def __post_init__(self) -> None:
         """Refuse what nothing can be run with."""
@@ -74,12 +64,9 @@ class Course:
     """One run of the policy."""
 
     name: str
-    fell_s: float | None
-    """When a floating robot fell, or the simulation ended in no numbers; None: it did not."""
-    drift_m: float | None
-    """Distance of the base at the end from where it ends without causes; None for a held robot or after a fall."""
-    joints_rad: float
-    """Root mean square departure of the joints from the run without causes, while both last."""
+    fell_s: float | None  # when a floating robot fell, or the simulation ended in no numbers; None: it did not
+    drift_m: float | None  # distance of the base at the end from that without causes; None: a held robot, or a fall
+    joints_rad: float  # root mean square departure of the joints from the run without causes, while both last
 
 
 @dataclass(frozen=True)
@@ -203,15 +190,11 @@ class PolicyRun:
             target[order] = offset + self.map.scale * last
             reading = simulator.step(target, kp=self.map.kp, kd=self.map.kd)
             qpos = simulator.state[0].copy()
-            if not (np.abs(qpos) < LOST).all() or (self.robot.has_free_base and has_fallen(qpos, height)):
+            fallen = self.robot.has_free_base and (qpos[2] < FALLEN * height or upright_cosine(qpos[3:7]) < TILTED)
+            if not (np.abs(qpos) < LOST).all() or fallen:
                 return np.array(course).reshape(-1, self.robot.model.nq), reading.time_s
             course.append(qpos[: self.robot.model.nq])
         return np.array(course), None
-
-
-def has_fallen(qpos: np.ndarray, height: float) -> bool:
-    """Whether a floating base has come down or leans too far."""
-    return bool(qpos[2] < FALLEN * height or upright_cosine(qpos[3:7]) < TILTED)
 
 
 def consequence(

@@ -18,16 +18,12 @@ from leapgap.robot.model import Robot
 from leapgap.robot.model_file import gravity_of
 from leapgap.robot.motion import Motion
 
-LOADED = 0.3
-"""A foot stands while its force is above this share of its own range in the log."""
-OUTLIERS = 2
-"""Percent of the forces of a foot at either end that do not count in its range: impacts."""
+LOADED = 0.3  # a foot stands while its force is above this share of its own range in the log
+OUTLIERS = 2  # percent of the forces of a foot at either end that do not count in its range: impacts
 LEAST_LOAD, LEAST_FLIGHT_S = 0.2, 0.03
 """Without contact or forces, a robot flies where its feet bear less than this share of its weight for this time."""
-MEAN_LOAD = (0.5, 2.0)
-"""Over a log the feet bear the weight of the robot on average, within these factors."""
-NEAR_M = 0.02
-"""Without contact or forces, soles that are higher than the lowest by less than this may stand."""
+MEAN_LOAD = (0.5, 2.0)  # over a log the feet bear the weight of the robot on average, within these factors
+NEAR_M = 0.02  # without contact or forces, soles that are higher than the lowest by less than this may stand
 
 
 def contact_columns(log: Log, robot: Robot) -> np.ndarray | None:
@@ -76,32 +72,25 @@ def columns_of_feet(log: Log, robot: Robot, quantity: str) -> np.ndarray | None:
     return log.stack(names) if names and all(name in log for name in names) else None
 
 
-LEVEL_M = 0.002
-"""A foot that stands counts less by e for each such height of its sole above the lowest: it may have just lifted."""
-POSES = 60
-"""Number of poses, evenly over the log, of which the median depth in the ground is taken."""
+LEVEL_M = 0.002  # a foot counts less by e for each such height of its sole above the lowest: it may have lifted
+POSES = 60  # number of poses, evenly over the log, of which the median depth in the ground is taken
 SMOOTHED_S = 0.025
 """Each row is the value of a line through the rows up to this time before and after it. Those in which feet disagree,
 because some just lift or land, count less."""
 LEAST_DEVIATION = (0.01, 0.01, 0.03, 0.002)
 """Smallest standard deviations of velocity x, y, z, m/s, and of height, m: feet slip, and the ground gives way under a
 changing load."""
-ACCELERATION_S, ACCELERATION_ROWS = 0.03, 7
-"""Accelerations are slopes of parabolas through the velocities within this time, or so many rows."""
+ACCELERATION_S, ACCELERATION_ROWS = 0.03, 7  # slopes of parabolas through velocities in this time, or so many rows
 
 
 @dataclass(frozen=True)
 class BaseEstimate:
     """The base in each row, with standard deviations."""
 
-    position: np.ndarray
-    """(rows, 3), m; x and y begin at zero."""
-    velocity: np.ndarray
-    """(rows, 3), m/s, of the origin of the base in the world."""
-    height_deviation: np.ndarray
-    """(rows,), m."""
-    velocity_deviation: np.ndarray
-    """(rows, 3), m/s."""
+    position: np.ndarray  # (rows, 3), m; x and y begin at zero
+    velocity: np.ndarray  # (rows, 3), m/s, of the origin of the base in the world
+    height_deviation: np.ndarray  # (rows,), m
+    velocity_deviation: np.ndarray  # (rows, 3), m/s
 
     def first_rows(self, rows: int) -> "BaseEstimate":
         """The estimate of the first rows."""

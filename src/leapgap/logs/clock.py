@@ -4,8 +4,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 
-PERIOD_TOLERANCE = 0.02
-"""A stated period that differs by more from the mean step of the time stamps is refused."""
+PERIOD_TOLERANCE = 0.02  # a stated period that differs by more from the mean step of the time stamps is refused
 
 
 def mean_period(time: np.ndarray) -> float:

@@ -11,8 +11,7 @@ from leapgap.errors import CONTROL, InputError
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, COMMANDS
 from leapgap.robot.rotations import turn_between
 
-Columns = Mapping[str, np.ndarray]
-"""Columns of a log by name."""
+Columns = Mapping[str, np.ndarray]  # columns of a log by name
 
 
 def check_complete(columns: Columns, joints: Sequence[str], where: str) -> None:
@@ -92,30 +91,20 @@ def check_base(columns: Columns, where: str) -> None:
             raise InputError(f"{where}, base_quat, row {worst}", found, "unit quaternions w x y z", do)
 
 
-WINDOW_S = 0.05
-"""Displacements over this time are held against integrals of velocities; shorter ones are mostly noise."""
-MOVES = 0.02
-"""Root mean square of displacements, rad or m, from which on a column counts as moving."""
-SAME_MOTION = 0.9
-"""Correlation of two descriptions of one motion from which on their ratio is a matter of units."""
-OTHER_MOTION = 0.3
-"""Correlation below which they describe different motions."""
-LARGEST_RATIO = 1.8
-"""Ratio of displacements to integrals of velocities. Published jumps, whose clock is off, reach 1.38."""
-LARGEST_PD_ERROR = 3.0
-"""Median departure of a joint from the set point of its PD, rad or m, that is still a departure."""
-LARGEST_UNIT_RATIO = 5.0
-"""Ratio of the motion of a set point to that of its joint; units that are confused differ by 57 or more."""
-ROUGH, WIDE = 1.0, 0.1
-"""Mean squared step of a column over its variance, 2 for rows in random order; spread, rad, where it counts."""
+WINDOW_S = 0.05  # displacements over this time are held against integrals of velocities; shorter ones are mostly noise
+MOVES = 0.02  # root mean square of displacements, rad or m, from which on a column counts as moving
+SAME_MOTION = 0.9  # correlation of two descriptions of one motion from which on their ratio is a matter of units
+OTHER_MOTION = 0.3  # correlation below which they describe different motions
+LARGEST_RATIO = 1.8  # ratio of displacements to integrals of velocities; published jumps with their clock reach 1.38
+LARGEST_PD_ERROR = 3.0  # median departure of a joint from the set point of its PD, rad or m, that is still a departure
+LARGEST_UNIT_RATIO = 5.0  # ratio of the motion of a set point to its joint's; confused units differ by 57 or more
+ROUGH, WIDE = 1.0, 0.1  # mean squared step over the variance, 2 for rows in random order; spread, rad, where it counts
 JUMP, JUMP_RATIO, JUMPING_SHARE = 0.05, 10.0, 0.5
 """Lost rows: a step beyond what the velocities say, rad, its ratio to the 99th percentile, share of the joints."""
 LONGEST_STALL_S = 0.03
 """Longest time, s, for which the velocities on both sides say how joints go on while nothing is logged."""
-LONGEST_SPIKE = 3
-"""Rows within which an excursion that returns is a spike, and no leap."""
-LONGEST_STEP = 3.0
-"""Median steps of the time from which on a step is a gap."""
+LONGEST_SPIKE = 3  # rows within which an excursion that returns is a spike, and no leap
+LONGEST_STEP = 3.0  # median steps of the time from which on a step is a gap
 TYPICAL = ((180 / np.pi, "degrees for radians"), (1000.0, "mm for m, or ms for s"), (100.0, "cm for m"))
 
 

@@ -9,16 +9,11 @@ from leapgap.logs.state import motion_of
 from leapgap.robot.kinematics import feet_positions
 from leapgap.robot.model import Robot
 
-LIFTED_M = 0.015
-"""A sole this much above the height at which it stands has left the ground."""
-LOW = 20
-"""Percentile of the heights of a foot at which it stands."""
-STILL_M_PER_S = 0.1
-"""Largest speed of a foot that counts as standing."""
-MOST_OF_THE_TIME = 75
-"""Percentile of the speed of feet that must be below it."""
-LOOK_S = 0.1
-"""Time over which the speed of feet is taken."""
+LIFTED_M = 0.015  # a sole this much above the height at which it stands has left the ground
+LOW = 20  # percentile of the heights of a foot at which it stands
+STILL_M_PER_S = 0.1  # largest speed of a foot that counts as standing
+MOST_OF_THE_TIME = 75  # percentile of the speed of feet that must be below it
+LOOK_S = 0.1  # time over which the speed of feet is taken
 
 
 def has_feet_in_world(log: Log, robot: Robot) -> bool:

@@ -15,14 +15,11 @@ from leapgap.logs.log import Log
 from leapgap.logs.metadata import ROUNDING_S, Segment
 from leapgap.logs.schema import BASE_QUATERNION, COMMANDS
 
-PARTS = 8
-"""Number of parts that a single log is cut into."""
-SHORTEST_S = 0.5
-"""A log is cut into fewer parts if they would be shorter than this."""
+PARTS = 8  # number of parts that a single log is cut into
+SHORTEST_S = 0.5  # a log is cut into fewer parts if they would be shorter than this
 MOST_ROWS, MOST_S = 60_000, 60.0
 """Number of rows, and time, of all logs together up to which all are diagnosed: 40 jumps, or a minute at 1 kHz."""
-STRETCH_S = 5.0
-"""Length of the stretches of a log that is longer; a shorter log is one stretch."""
+STRETCH_S = 5.0  # length of the stretches of a log that is longer; a shorter log is one stretch
 LEAST_STRETCHES = 2
 
 
@@ -125,8 +122,7 @@ def left_out(chosen: Sequence[Stretch], every: Sequence[Stretch], logs: int, tot
     )
 
 
-HELD = (*COMMANDS, "contact")
-"""Quantities that keep their value between two rows."""
+HELD = (*COMMANDS, "contact")  # quantities that keep their value between two rows
 
 
 def on_even_clock(log: Log, period_s: float) -> Log:

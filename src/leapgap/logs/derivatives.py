@@ -10,18 +10,15 @@ from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY
 
 DEGREES = (2, 3)
-CHUNK_VALUES = 1 << 21
-"""The weights of this many values are in memory at once, so that a long log needs no more of it than a short one."""
+CHUNK_VALUES = 1 << 21  # weights of so many values are in memory at once, so that a long log needs no more of it
 
 
 @dataclass(frozen=True)
 class VelocityFit:
     """Velocities, and how the noise of the positions gets into them."""
 
-    velocity: np.ndarray
-    """Of each channel in each row, unit of the positions per s, (rows, channels)."""
-    noise_gain: np.ndarray
-    """Standard deviation of a velocity where each position has independent noise of deviation 1, 1/s, (rows,)."""
+    velocity: np.ndarray  # of each channel in each row, unit of the positions per s, (rows, channels)
+    noise_gain: np.ndarray  # of a velocity where positions have independent noise of deviation 1, 1/s, (rows,)
 
 
 def velocity_fit(time: np.ndarray, position: np.ndarray, window_s: float, degree: int = 2) -> VelocityFit:

@@ -14,13 +14,10 @@ import pyarrow.parquet as pq
 
 from leapgap.errors import InputError, check_utf8
 
-MOST_BYTES = 4_000_000_000
-"""A file that would take more memory than this is refused before any of it is taken."""
+MOST_BYTES = 4_000_000_000  # a file that would take more memory than this is refused before any of it is taken
 VALUE_BYTES = 8
-MOST_FILES = 100_000
-"""Files in a folder that is one log or dataset."""
-LONGEST_MESSAGE = 300
-"""Characters of a decoder's own message that are repeated."""
+MOST_FILES = 100_000  # files in a folder that is one log or dataset
+LONGEST_MESSAGE = 300  # characters of a decoder's own message that are repeated
 KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a named pipe",
@@ -98,10 +95,8 @@ def decoding(path: object, kind: str, do: str) -> Iterator[None]:
         raise InputError(path, f"no readable {kind} ({type(error).__name__}: {says})", "a whole file", do) from error
 
 
-MOST_UNPACKED = 1_000_000_000
-"""Bytes that a packed text or piece may have."""
-PIECE_BYTES, READ_BYTES = 1 << 20, 1 << 16
-"""Bytes that are unpacked, and read, at once."""
+MOST_UNPACKED = 1_000_000_000  # bytes that a packed text or piece may have
+PIECE_BYTES, READ_BYTES = 1 << 20, 1 << 16  # bytes that are unpacked, and read, at once
 
 
 class Unpacker(Protocol):
@@ -179,16 +174,12 @@ def member(folder: zipfile.ZipFile, name: str, where: object, most: int = MOST_U
         return file.read(size) if size else b""
 
 
-SMALL_BYTES = 1 << 15
-"""Columns of flat values that take less in the file cannot unpack to much."""
+SMALL_BYTES = 1 << 15  # columns of flat values that take less in the file cannot unpack to much
 HEADER_BYTES, DEEPEST_FIELD = 1 << 16, 8
-UNPACKED, PACKED, VALUES = 2, 3, 1
-"""Fields of a page's header, and of the header of its kind."""
-PAGE_KINDS = (5, 8)
-"""Fields with the header of a page of data, of either version."""
+UNPACKED, PACKED, VALUES = 2, 3, 1  # fields of a page's header, and of the header of its kind
+PAGE_KINDS = (5, 8)  # fields with the header of a page of data, of either version
 TRUE, FALSE, BYTE, DOUBLE, BINARY, LIST, SET, STRUCT = 1, 2, 3, 7, 8, 9, 10, 12
-WHOLE = (4, 5, 6)
-"""Kinds of values that are whole numbers of variable length in a page's header."""
+WHOLE = (4, 5, 6)  # kinds of values that are whole numbers of variable length in a page's header
 
 
 def check_pages(path: Path, file: pq.ParquetFile, columns: set[str] | None = None) -> None:

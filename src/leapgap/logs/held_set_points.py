@@ -7,14 +7,10 @@ import numpy as np
 
 from leapgap.logs.log import Log
 
-FEWEST = 8
-"""Changes of set points from which on they are said to stand for some rows."""
-REGULAR = 0.8
-"""Share of the changes that must come after the usual number of rows, or one more or fewer."""
-SAME_MOTION = 0.2
-"""Set points of positions and velocities are of one motion where they differ by less than this share of it."""
-SENT = ("cmd_pos/", "cmd_vel/", "cmd_tau/")
-"""Columns that a controller may interpolate."""
+FEWEST = 8  # changes of set points from which on they are said to stand for some rows
+REGULAR = 0.8  # share of the changes that must come after the usual number of rows, or one more or fewer
+SAME_MOTION = 0.2  # set points of positions and velocities are of one motion where they differ by a smaller share of it
+SENT = ("cmd_pos/", "cmd_vel/", "cmd_tau/")  # columns that a controller may interpolate
 
 
 @dataclass(frozen=True)
@@ -22,8 +18,7 @@ class Hold:
     """How long the set points of a log stand."""
 
     rows: int
-    changes: np.ndarray
-    """Rows in which any of them changes, and the first."""
+    changes: np.ndarray  # rows in which any of them changes, and the first
 
 
 def hold_of(log: Log) -> Hold | None:

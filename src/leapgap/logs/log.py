@@ -28,13 +28,11 @@ from leapgap.robot.terrain import Box
 from leapgap.runtime.atomic_io import whole_file
 
 FORMAT_VERSION = 2
-JUMP_VERSION = 1
-"""Version of the logs of jumps, which state ``schedule`` and ``target`` instead of segments."""
+JUMP_VERSION = 1  # version of the logs of jumps, which state ``schedule`` and ``target`` instead of segments
 MANY_VALUES = 3_000_000
 """Values from which on columns are read by several threads; below, threads take longer than they save."""
 METADATA_KEY, CHECKSUM_KEY = b"leapgap", b"leapgap_crc32"
-EVEN = 1e-3
-"""Largest departure of a row's length from the sample period, as a share of it, that counts as none."""
+EVEN = 1e-3  # largest departure of a row's length from the sample period, as a share of it, that counts as none
 TICKS_S = (0.001, 0.0005, 0.00025)
 """Steps of other people's simulations that rows of uneven length may be whole multiples of, s, longest first."""
 

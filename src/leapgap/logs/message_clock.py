@@ -12,16 +12,11 @@ from leapgap.logs.log import Log
 from leapgap.logs.row_clock import FilterRule, RowClock, filter_of, obeyed_filters
 from leapgap.logs.streams import BASE, CURVATURE, NOISE_WINDOW, OUTLIER, VELOCITY, Stream, mean_row
 
-FREE = 25.0
-"""Standard deviation of a row's length that is assumed beforehand, in sample periods: next to no assumption."""
-LAG, LAG_SPREAD = 0.3, 0.4
-"""How late a sample is in the row that first shows it: mean and standard deviation, in sample periods."""
-ROUNDS = 3
-"""Solutions, each with the weights and the delay of velocities that the one before gives."""
-ORIGIN = 1e5
-"""Weight, 1/s, with which the first row is put at instant 0."""
-PRECISE = 0.15
-"""Instants known to this share of a step of a whole-number clock are precise."""
+FREE = 25.0  # standard deviation of a row's length that is assumed beforehand, in sample periods: next to no assumption
+LAG, LAG_SPREAD = 0.3, 0.4  # how late a sample is in the row that first shows it: mean and deviation, in sample periods
+ROUNDS = 3  # solutions, each with the weights and the delay of velocities that the one before gives
+ORIGIN = 1e5  # weight, 1/s, with which the first row is put at instant 0
+PRECISE = 0.15  # instants known to this share of a step of a whole-number clock are precise
 
 
 WHOLE, REAL = ("plus", "minus", "stream"), ("by", "right", "spread", "bend")
@@ -42,12 +37,9 @@ def equations(plus: np.ndarray, minus: np.ndarray, **others: np.ndarray | float)
 class System:
     """What is known of the instants of rows and samples; unknown are those of the rows, then those of each message."""
 
-    equations: np.ndarray
-    """As ``EQUATION``, (equations,)."""
-    first: np.ndarray
-    """Index of the first sample of each message among the unknowns, and their number; before them stand the rows."""
-    sharpness: tuple[np.ndarray, ...]
-    """For each message, standard deviation of the time between its samples by their motion alone, s."""
+    equations: np.ndarray  # as ``EQUATION``, (equations,)
+    first: np.ndarray  # index of each message's first sample among the unknowns, behind the rows; and their number
+    sharpness: tuple[np.ndarray, ...]  # of each message's times between samples, by motion alone, standard deviation, s
 
     def matrix(self) -> sp.csr_matrix:
         """Left sides, (equations, unknowns); the number after the last unknown stands for 0."""
@@ -66,18 +58,18 @@ def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
     """
     period = mean_row(log, streams)
     system = system_of(streams, period)
-    found = solve(system, streams, period)
-    step = whole_step(found.samples, system.sharpness, period)
+    rows, samples = solve(system, streams, period)
+    step = whole_step(samples, system.sharpness, period)
     if step is not None:
         # The equations with one more for each time between samples that is precisely so many steps
         more = []
-        for first, own, sharp in zip(system.first, found.samples, system.sharpness, strict=False):
+        for first, own, sharp in zip(system.first, samples, system.sharpness, strict=False):
             number = np.round(np.diff(own) / step)
             near = (np.abs(np.diff(own) / step - number) < PRECISE) & (sharp < PRECISE * step) & (number >= 1)
             after = first + 1 + np.flatnonzero(near)
             more.append(equations(after, after - 1, right=step * number[near], spread=step / 100))
-        found = solve(replace(system, equations=np.concatenate([system.equations, *more])), streams, period)
-    shown = {stream.name: found.samples[k][np.cumsum(stream.fresh) - 1] for k, stream in enumerate(streams)}
+        rows, samples = solve(replace(system, equations=np.concatenate([system.equations, *more])), streams, period)
+    shown = {stream.name: samples[k][np.cumsum(stream.fresh) - 1] for k, stream in enumerate(streams)}
     # When each row was written, s, never decreasing, (rows,): at the latest sample that it shows
     resolution = step or period
     columns = []
@@ -85,7 +77,7 @@ def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
         precise = np.concatenate([[False], sharp < PRECISE * resolution])[np.cumsum(stream.fresh) - 1]
         columns.append(np.where(precise, shown[stream.name], -np.inf))
     latest = np.sort(np.stack(columns, axis=1), axis=1)[:, -min(2, len(columns))]
-    instants = np.maximum.accumulate(np.where(np.isfinite(latest), latest, found.rows - LAG * resolution))
+    instants = np.maximum.accumulate(np.where(np.isfinite(latest), latest, rows - LAG * resolution))
     if step is not None:
         instants = step * np.round((instants - instants[0]) / step)
     return RowClock(
@@ -93,7 +85,7 @@ def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
         {name: shown[stream.name] - instants[0] for stream in streams for name in stream.columns},
         step,
         {stream.name: stream.repeats(log.info.sample_period_s) for stream in streams},
-        {} if step is None else velocity_filters(streams, found, step),
+        {} if step is None else velocity_filters(streams, samples, step),
     )
 
 
@@ -127,18 +119,8 @@ def system_of(streams: Sequence[Stream], period: float) -> System:
     return System(np.concatenate([*parts, origin]), first, tuple(sharpness))
 
 
-@dataclass(frozen=True)
-class Solution:
-    """Instants that fit the equations."""
-
-    rows: np.ndarray
-    """When each row was written, s, (rows,)."""
-    samples: tuple[np.ndarray, ...]
-    """When the samples of each message were taken, s, (samples,) each."""
-
-
-def solve(system: System, streams: Sequence[Stream], period: float) -> Solution:
-    """Solve the equations by robust least squares.
+def solve(system: System, streams: Sequence[Stream], period: float) -> tuple[np.ndarray, list[np.ndarray]]:
+    """When each row was written, (rows,), and when the samples of each message were taken, s, by robust least squares.
 
     A velocity may be that of a moment before its position; this delay of each message is found on the way.
     """
@@ -159,16 +141,16 @@ def solve(system: System, streams: Sequence[Stream], period: float) -> Solution:
         weight = before / np.sqrt(1 + (missed * before / OUTLIER) ** 2)
         pull, square = (np.bincount(of, weight**2 * bend * by, len(streams)) for by in (missed, bend))
         delay = delay - pull / np.where(square > 0, square, 1.0)
-    return Solution(found[:rows], tuple(np.split(found, system.first[:-1])[1:]))
+    return found[:rows], np.split(found, system.first[:-1])[1:]
 
 
 STEPS_S = (0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.0005, 0.00025)
 """Steps of simulations and control loops that are looked for, s, longest first."""
 
 
-def velocity_filters(streams: Sequence[Stream], found: Solution, step: float) -> dict[str, FilterRule]:
+def velocity_filters(streams: Sequence[Stream], taken: Sequence[np.ndarray], step: float) -> dict[str, FilterRule]:
     """Rules by which velocities were computed from positions, by the velocity columns of joints that obey one."""
-    joints = [(stream, samples) for stream, samples in zip(streams, found.samples, strict=True) if stream.name != BASE]
+    joints = [(stream, samples) for stream, samples in zip(streams, taken, strict=True) if stream.name != BASE]
     rules = obeyed_filters(
         {
             stream.name: filter_of(stream.position[stream.fresh], stream.velocity[stream.fresh], samples, step)
@@ -184,8 +166,7 @@ def velocity_filters(streams: Sequence[Stream], found: Solution, step: float) ->
     }
 
 
-LEAST_WHOLE = 0.85
-"""Share of the precise times between samples that are one or more whole steps, from which all are."""
+LEAST_WHOLE = 0.85  # share of the precise times between samples that are one or more whole steps, from which all are
 
 
 def whole_step(samples: Sequence[np.ndarray], sharpness: Sequence[np.ndarray], period: float) -> float | None:

@@ -10,12 +10,9 @@ import numpy as np
 
 from leapgap.errors import CONTROL, InputError
 
-ROUNDING_S = 1e-6
-"""Times this near to a boundary count as on it, so that 0.8 written as 8 × 0.1 does not fall before 0.8."""
-LIFT_OFF_WINDOW_S = 0.050
-"""Half width of a jump's segment ``lift_off`` about its planned take-off, s."""
-PHASE_LENGTHS = ("double_contact_s", "rear_contact_s", "flight_s")
-"""What the schedule of a jump states."""
+ROUNDING_S = 1e-6  # times this near to a boundary are on it, so that 0.8 written as 8 × 0.1 does not fall before 0.8
+LIFT_OFF_WINDOW_S = 0.050  # half width of a jump's segment ``lift_off`` about its planned take-off, s
+PHASE_LENGTHS = ("double_contact_s", "rear_contact_s", "flight_s")  # what the schedule of a jump states
 FLIGHT, TOUCH_DOWN = "flight", "touch_down"
 """Names of segments that mean something to the diagnosis: a log that has both is judged up to its touch-down."""
 

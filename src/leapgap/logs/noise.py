@@ -5,22 +5,16 @@ from math import comb
 
 import numpy as np
 
-NORMAL_MEDIAN = 0.6745
-"""Median absolute value of a standard normal number."""
-SMOOTH_PERIOD_S = 0.002
-"""Up to this sample period the second differences of a robot's motion are tiny against those of noise."""
-HIGHER_ORDERS = (2, 4, 6)
-"""Orders of differences at longer periods: those of a smooth motion shrink with the order, those of noise do not."""
+NORMAL_MEDIAN = 0.6745  # median absolute value of a standard normal number
+SMOOTH_PERIOD_S = 0.002  # up to this period the second differences of a robot's motion are tiny against those of noise
+HIGHER_ORDERS = (2, 4, 6)  # of differences at longer periods: smooth motions shrink with the order, noise does not
 QUIETEST_GAP, ROUNDING = 0.02, 1e-6
 """Share of the gaps between the values of a column that are narrower than its resolution; those that are narrower than
 ``ROUNDING`` times its spread are the rounding of numbers, and none."""
-ON_GRID = 0.05
-"""Values are whole counts that lie off a grid by less than this share of its width, on average; others by a quarter."""
+ON_GRID = 0.05  # values are whole counts that lie off a grid by a smaller share of it, on average; others by a quarter
 
-NEIGHBOURS = np.array([-2, -1, 1, 2])
-"""Rows through which a cubic tells what a value should be."""
-JITTER_ROWS, FAST_QUARTER = 8, 0.75
-"""Rows over which a rate is a mean, and the quantile from which on rows are fast."""
+NEIGHBOURS = np.array([-2, -1, 1, 2])  # rows through which a cubic tells what a value should be
+JITTER_ROWS, FAST_QUARTER = 8, 0.75  # rows over which a rate is a mean, and the quantile from which on rows are fast
 
 
 def resolution_of(values: np.ndarray) -> np.ndarray:

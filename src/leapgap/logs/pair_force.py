@@ -12,12 +12,10 @@ AXES = ("x", "z")
 FORCES = len(PAIR_FORCE_AXES)
 
 FRONT_X, FRONT_Z, REAR_X, REAR_Z = range(FORCES)
-OF_PAIR = ((FRONT_X, FRONT_Z), (REAR_X, REAR_Z))
-"""Entries of each pair, x then z."""
+OF_PAIR = ((FRONT_X, FRONT_Z), (REAR_X, REAR_Z))  # entries of each pair, x then z
 FORCE_X, FORCE_Z = slice(FRONT_X, FORCES, len(AXES)), slice(FRONT_Z, FORCES, len(AXES))
 """The x, or the z, of both pairs; of feet as of forces."""
-WORLD_X_Z = (0, 2)
-"""Which axes of the world (x, y, z) the plane holds."""
+WORLD_X_Z = (0, 2)  # which axes of the world (x, y, z) the plane holds
 
 
 def per_axis(of_pairs: Any) -> np.ndarray:

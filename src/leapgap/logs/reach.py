@@ -12,12 +12,9 @@ import numpy as np
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
-BEYOND = 0.05
-"""A stop yields, and encoders have biases: further beyond an end than this share of the range, it is no stop."""
-ROWS = 3
-"""So many rows have to lie there: a single one may be an outlier."""
-YIELDS_S = 0.1
-"""So long they have to last, s: a leg that is thrown against a stop comes back sooner (MuJoCo's take 0.02 s)."""
+BEYOND = 0.05  # a stop yields, and encoders have biases: beyond an end by a larger share of the range, it is none
+ROWS = 3  # so many rows have to lie there: a single one may be an outlier
+YIELDS_S = 0.1  # so long they have to last, s: a leg thrown against a stop comes back sooner (MuJoCo's in 0.02 s)
 
 
 @dataclass(frozen=True)
@@ -26,10 +23,8 @@ class Reach:
 
     joint: str
     lowest: float
-    highest: float
-    """Of the logs, rad or m, without what lasts less than ``ROWS`` or ``YIELDS_S``."""
-    range: tuple[float, float]
-    """Ends of the joint's range in the model, rad or m."""
+    highest: float  # of the logs, rad or m, without what lasts less than ``ROWS`` or ``YIELDS_S``
+    range: tuple[float, float]  # ends of the joint's range in the model, rad or m
 
     @property
     def beyond(self) -> float:

@@ -16,10 +16,8 @@ from leapgap.logs.log import Log, check_read, read_log
 from leapgap.logs.state import check_logged
 from leapgap.robot.model import Robot
 
-FEWEST = 2
-"""Logs that must be left where others were set aside."""
-OUTSIDE = 0.5
-"""Share of the rows in which a joint may be far outside its range: more is another unit or another joint."""
+FEWEST = 2  # logs that must be left where others were set aside
+OUTSIDE = 0.5  # share of the rows in which a joint may be far outside its range: more is another unit or another joint
 
 
 @dataclass(frozen=True)

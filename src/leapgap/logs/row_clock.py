@@ -12,12 +12,9 @@ from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_QUATERNION
 from leapgap.logs.streams import POSITION, VELOCITY
 
-LEAST_OBEYED = 0.8
-"""Share of the pairs of samples from which a rule counts as that which made them."""
-DIGITS = 0.02
-"""A pair obeys where it asks for a share kept that differs by less."""
-LEAST_PAIRS = 20
-"""Fewer pairs of samples tell no rule."""
+LEAST_OBEYED = 0.8  # share of the pairs of samples from which a rule counts as that which made them
+DIGITS = 0.02  # a pair obeys where it asks for a share kept that differs by less
+LEAST_PAIRS = 20  # fewer pairs of samples tell no rule
 
 
 @dataclass(frozen=True)
@@ -25,8 +22,7 @@ class FilterRule:
     """A velocity that is ``kept`` times the one before and the rest the last difference of positions over a step."""
 
     kept: float
-    share: float
-    """Of the pairs of samples one step apart, those that obey this to their last digits."""
+    share: float  # of the pairs of samples one step apart, those that obey this to their last digits
 
 
 def filter_of(position: np.ndarray, velocity: np.ndarray, instants: np.ndarray, step: float) -> FilterRule | None:
@@ -93,14 +89,10 @@ def without_filter(
 class RowClock:
     """The clock of one log."""
 
-    instants: np.ndarray
-    """When each row was written, s since the first, never decreasing, (rows,)."""
-    sampled: Mapping[str, np.ndarray]
-    """Column → when the sample was taken that each row shows, s, (rows,)."""
-    step_s: float | None
-    """Step of which all instants are whole multiples; None where there is none."""
-    repeats: Mapping[str, float]
-    """Message → share of the rows, while it moves, that repeat the sample of the row before."""
+    instants: np.ndarray  # when each row was written, s since the first, never decreasing, (rows,)
+    sampled: Mapping[str, np.ndarray]  # column → when the sample was taken that each row shows, s, (rows,)
+    step_s: float | None  # step of which all instants are whole multiples; None where there is none
+    repeats: Mapping[str, float]  # message → share of the rows, while it moves, that repeat the sample before
     filters: Mapping[str, FilterRule] = field(default_factory=dict)
     """Velocity column of a joint → how it follows from the positions, where it does to the last digit."""
 

@@ -10,7 +10,7 @@ log. Lengths are drawn around their mean with a width that is found from the log
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,80 +29,55 @@ from leapgap.logs.streams import (
     streams_of,
 )
 
-BLOCK, OVERLAP = 400, 25
-"""Rows that are smoothed together, and those at each end of them that are smoothed twice."""
-TOGETHER = 64
-"""Blocks that are smoothed side by side, which bounds the memory."""
-ROUNDS = 8
-"""Passes over the log, each with the width of lengths that the one before gives."""
-FREEDOM = 3.0
-"""Degrees of freedom of Student's distribution of lengths: stalls are rare and far away."""
-BEST_KNOWN = 0.75
-"""The mean length of a row is taken from rows that are better known than this share of them."""
-NARROWEST = 0.01
-"""Least width of lengths, as a share of their mean."""
-FIRST_WIDTH = 0.3
-"""Width with which the first pass begins."""
+BLOCK, OVERLAP = 400, 25  # rows that are smoothed together, and those at each end of them that are smoothed twice
+TOGETHER = 64  # blocks that are smoothed side by side, which bounds the memory
+ROUNDS = 8  # passes over the log, each with the width of lengths that the one before gives
+FREEDOM = 3.0  # degrees of freedom of Student's distribution of lengths: stalls are rare and far away
+BEST_KNOWN = 0.75  # the mean length of a row is taken from rows that are better known than this share of them
+NARROWEST = 0.01  # least width of lengths, as a share of their mean
+FIRST_WIDTH = 0.3  # width with which the first pass begins
 DELAY_ROWS, LONGEST_DELAY = 20, 3.0
 """Rows over which changes of velocity are held against motion, and the longest delay of velocities, in mean rows."""
-START = 0.05
-"""Standard deviation of a position before its first sample, rad or m."""
-LEAST_NOISE = 1e-6
-"""Least standard deviation of the noise of a position, rad or m."""
-UNKNOWN = 1e3
-"""Standard deviation of a sample that a row does not have, rad or m."""
+START = 0.05  # standard deviation of a position before its first sample, rad or m
+LEAST_NOISE = 1e-6  # least standard deviation of the noise of a position, rad or m
+UNKNOWN = 1e3  # standard deviation of a sample that a row does not have, rad or m
 
 
 @dataclass(frozen=True)
 class Samples:
     """What rows show of some channels."""
 
-    position: np.ndarray
-    """(rows, channels), rad or m."""
-    velocity: np.ndarray
-    """(rows, channels), per s."""
-    fresh: np.ndarray
-    """Whether a row shows a new sample, bool, (rows, channels)."""
-    noise: np.ndarray
-    """Standard deviation of the noise of positions, (channels,)."""
-    velocity_noise: np.ndarray
-    """Standard deviation of the noise of velocities, (channels,)."""
+    position: np.ndarray  # (rows, channels), rad or m
+    velocity: np.ndarray  # (rows, channels), per s
+    fresh: np.ndarray  # whether a row shows a new sample, bool, (rows, channels)
+    noise: np.ndarray  # standard deviation of the noise of positions, (channels,)
+    velocity_noise: np.ndarray  # standard deviation of the noise of velocities, (channels,)
 
     def with_delay(self, delay_s: float) -> "Samples":
         """The same motion with velocities of the instants of its positions, which were so much older."""
         return replace(self, position=self.position - delay_s * self.velocity)
 
 
-@dataclass(frozen=True)
-class SmoothedLengths:
-    """Lengths of rows with what is not known of them."""
-
-    mean: np.ndarray
-    """s, (rows − 1,)."""
-    spread: np.ndarray
-    """Standard deviation, s, (rows − 1,)."""
-
-
-def smooth_lengths(samples: Samples, claimed: np.ndarray) -> SmoothedLengths:
+def smooth_lengths(samples: Samples, claimed: np.ndarray) -> np.ndarray:
     """Lengths of all rows but the last around the ``claimed`` ones, s, (rows − 1,), times one factor."""
     mean = float(claimed.mean())
     scale, width = 1.0, FIRST_WIDTH * mean
     weight, lasted, delay = np.ones(len(claimed)), claimed, velocity_delay(samples, claimed)
     for _ in range(ROUNDS):
         before = width / np.sqrt(weight)
-        found = Blocks.of(samples.with_delay(delay), lasted).smooth(scale * claimed, before)
-        off = found.mean - scale * claimed
-        square = off**2 + found.spread**2
+        found, spread = smooth(samples.with_delay(delay), lasted, scale * claimed, before)
+        off = found - scale * claimed
+        square = off**2 + spread**2
         weight = (FREEDOM + 1) / (FREEDOM + square / width**2)
-        delay = velocity_delay(samples, found.mean)
-        lasted, usual = np.maximum(found.mean, claimed), scale * claimed
+        delay = velocity_delay(samples, found)
+        lasted, usual = np.maximum(found, claimed), scale * claimed
         scale += float((weight * off * claimed).sum() / (weight * claimed**2).sum())
         width = max(float(np.sqrt((weight * square).mean())), NARROWEST * mean)
     # Stalls have no counterpart: where samples would not show one, a row lasts as long as the mean, not the usual one.
-    told = (1 / np.maximum(found.spread, 1e-12) ** 2 - 1 / before**2) * float(square.mean())
+    told = (1 / np.maximum(spread, 1e-12) ** 2 - 1 / before**2) * float(square.mean())
     known = told / (1 + told)
     longer = float(off[known >= np.quantile(known, BEST_KNOWN)].mean())
-    return SmoothedLengths(np.maximum(usual + off + (1 - known) * longer, 0.0), found.spread)
+    return np.maximum(usual + off + (1 - known) * longer, 0.0)
 
 
 def velocity_delay(samples: Samples, lengths: np.ndarray) -> float:
@@ -123,93 +98,98 @@ def velocity_delay(samples: Samples, lengths: np.ndarray) -> float:
     return float(np.clip((weight * change * left).sum() / square, -most, most)) if square > 0 else 0.0
 
 
-@dataclass(frozen=True)
-class Blocks:
-    """Stretches of one log side by side, each with rows of its neighbours at both ends."""
+def smooth(
+    samples: Samples, lasted: np.ndarray, expected: np.ndarray, width: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths of rows and their standard deviations afterwards, s, by their expectations and those beforehand, s.
 
-    rows: np.ndarray
-    """Row of the log, (blocks, rows of a block)."""
-    own: np.ndarray
-    """Whether the length of a row is taken from this block, bool, (blocks, rows of a block − 1)."""
-    observed: np.ndarray
-    """Positions, (blocks, rows of a block, channels)."""
-    variance: np.ndarray
-    """Of the positions, likewise."""
-    speed: np.ndarray
-    """Mean of the velocities at both ends of a row, (blocks, rows of a block − 1, channels)."""
-    wander: np.ndarray
-    """Variance of the motion within a row beside that speed, likewise."""
-
-    @staticmethod
-    def of(samples: Samples, lengths: np.ndarray) -> "Blocks":
-        """Cut a log into blocks of equal numbers of rows; what a row adds to errors grows with its length, s."""
-        count = len(samples.position)
-        whole = min(count, BLOCK)
-        inner = max(1, whole - 2 * OVERLAP)
-        starts = np.unique(np.minimum(np.arange(0, max(1, count - 2 * OVERLAP), inner), count - whole))
-        rows = starts[:, None] + np.arange(whole)
-        own = np.zeros((len(starts), whole - 1), dtype=bool)
-        taken = 0
-        for block, start in enumerate(starts):
-            end = count - 1 if block == len(starts) - 1 else int(start) + whole - OVERLAP
-            own[block, taken - start : end - start] = True
-            taken = end
-        velocity = at_every_row(samples.velocity, samples.fresh)
-        bend, speed = np.abs(np.diff(velocity, axis=0)), (velocity[1:] + velocity[:-1]) / 2
-        wander = (CURVATURE * bend * lengths[:, None]) ** 2 + (samples.velocity_noise * lengths[:, None]) ** 2
-        variance = np.where(samples.fresh, np.maximum(samples.noise, LEAST_NOISE), UNKNOWN) ** 2
+    (rows − 1,) each. What a row adds to errors grows with how long it ``lasted``, s.
+    """
+    velocity = at_every_row(samples.velocity, samples.fresh)
+    bend, speed = np.abs(np.diff(velocity, axis=0)), (velocity[1:] + velocity[:-1]) / 2
+    wander = (CURVATURE * bend * lasted[:, None]) ** 2 + (samples.velocity_noise * lasted[:, None]) ** 2
+    variance = np.where(samples.fresh, np.maximum(samples.noise, LEAST_NOISE), UNKNOWN) ** 2
+    mean, spread = np.empty(len(expected)), np.empty(len(expected))
+    blocks, own = blocks_of(len(samples.position))
+    for first in range(0, len(blocks), TOGETHER):
+        rows, mine = blocks[first : first + TOGETHER], own[first : first + TOGETHER]
         inside = rows[:, :-1]
-        return Blocks(rows, own, samples.position[rows], variance[rows], speed[inside], wander[inside])
+        around, before = expected[inside], width[inside] ** 2
+        updates = filtered(samples.position[rows], variance[rows], speed[inside], wander[inside], around, before)
+        pull, sure = look_back(speed[inside], *updates)
+        mean[inside[mine]] = (around + before * pull)[mine]
+        spread[inside[mine]] = np.sqrt(np.maximum(before - before**2 * sure, 0.0))[mine]
+    return mean, spread
 
-    def smooth(self, expected: np.ndarray, width: np.ndarray) -> SmoothedLengths:
-        """Lengths of rows, each with its expectation and standard deviation beforehand, s, (rows − 1,) both."""
-        every = np.empty((2, len(expected)))
-        for first in range(0, len(self.rows), TOGETHER):
-            some = Blocks(*(getattr(self, field.name)[first : first + TOGETHER] for field in fields(self)))
-            inside = some.rows[:, :-1]
-            around, before = expected[inside], width[inside] ** 2
-            pull, sure = some.look_back(*some.filter(around, before))
-            mean, spread = around + before * pull, np.sqrt(np.maximum(before - before**2 * sure, 0.0))
-            every[:, inside[some.own]] = mean[some.own], spread[some.own]
-        return SmoothedLengths(every[0], every[1])
 
-    def filter(self, around: np.ndarray, before: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Forward pass: weighted innovations, their inverse covariances, and what each update leaves of an error."""
-        blocks, rows, channels = self.observed.shape
-        unit = np.eye(channels)
-        state = self.observed[:, 0].copy()
-        covariance = np.broadcast_to(START**2 * unit, (blocks, channels, channels)).copy()
-        weighted = np.empty((rows, blocks, channels))
-        inverse = np.empty((rows, blocks, channels, channels))
-        left = np.empty_like(inverse)
-        for row in range(rows):
-            inverse[row] = np.linalg.inv(covariance + self.variance[:, row, :, None] * unit)
-            weighted[row] = np.einsum("bij,bj->bi", inverse[row], self.observed[:, row] - state)
-            left[row] = unit - covariance @ inverse[row]
-            if row == rows - 1:
-                break
-            state = state + np.einsum("bij,bj->bi", covariance, weighted[row])
-            covariance = left[row] @ covariance
-            covariance = (covariance + np.swapaxes(covariance, 1, 2)) / 2
-            speed = self.speed[:, row]
-            state = state + speed * around[:, row, None]
-            covariance = covariance + before[:, row, None, None] * speed[:, :, None] * speed[:, None, :]
-            covariance = covariance + self.wander[:, row, :, None] * unit
-        return weighted, inverse, left
+def blocks_of(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Stretches of a log of so many rows, each with rows of its neighbours at both ends.
 
-    def look_back(self, weighted: np.ndarray, inverse: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Backward pass: how far later samples pull the length of each row, and how surely, (blocks, rows − 1) each."""
-        rows = len(weighted)
-        pull, sure = np.empty(self.own.shape), np.empty(self.own.shape)
-        adjoint, square = weighted[-1], inverse[-1]
-        for row in range(rows - 2, -1, -1):
-            speed = self.speed[:, row]
-            pull[:, row] = (speed * adjoint).sum(axis=1)
-            sure[:, row] = np.einsum("bi,bij,bj->b", speed, square, speed, optimize=False)
-            keep = np.swapaxes(left[row], 1, 2)
-            adjoint = weighted[row] + np.einsum("bij,bj->bi", keep, adjoint)
-            square = inverse[row] + keep @ square @ left[row]
-        return pull, sure
+    The rows of each, (blocks, rows of a block), and whether the length of a row is taken from this block, bool,
+    (blocks, rows of a block − 1).
+    """
+    whole = min(count, BLOCK)
+    inner = max(1, whole - 2 * OVERLAP)
+    starts = np.unique(np.minimum(np.arange(0, max(1, count - 2 * OVERLAP), inner), count - whole))
+    own = np.zeros((len(starts), whole - 1), dtype=bool)
+    taken = 0
+    for block, start in enumerate(starts):
+        end = count - 1 if block == len(starts) - 1 else int(start) + whole - OVERLAP
+        own[block, taken - start : end - start] = True
+        taken = end
+    return starts[:, None] + np.arange(whole), own
+
+
+def filtered(
+    observed: np.ndarray,
+    variance: np.ndarray,
+    speeds: np.ndarray,
+    wander: np.ndarray,
+    around: np.ndarray,
+    before: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Forward pass: weighted innovations, their inverse covariances, and what each update leaves of an error.
+
+    Of blocks side by side: positions with their variances, (blocks, rows, channels); mean velocities of the rows but
+    the last and the variance of the motion beside them, likewise; lengths and their variances, (blocks, rows − 1).
+    """
+    blocks, rows, channels = observed.shape
+    unit = np.eye(channels)
+    state = observed[:, 0].copy()
+    covariance = np.broadcast_to(START**2 * unit, (blocks, channels, channels)).copy()
+    weighted = np.empty((rows, blocks, channels))
+    inverse = np.empty((rows, blocks, channels, channels))
+    left = np.empty_like(inverse)
+    for row in range(rows):
+        inverse[row] = np.linalg.inv(covariance + variance[:, row, :, None] * unit)
+        weighted[row] = np.einsum("bij,bj->bi", inverse[row], observed[:, row] - state)
+        left[row] = unit - covariance @ inverse[row]
+        if row == rows - 1:
+            break
+        state = state + np.einsum("bij,bj->bi", covariance, weighted[row])
+        covariance = left[row] @ covariance
+        covariance = (covariance + np.swapaxes(covariance, 1, 2)) / 2
+        speed = speeds[:, row]
+        state = state + speed * around[:, row, None]
+        covariance = covariance + before[:, row, None, None] * speed[:, :, None] * speed[:, None, :]
+        covariance = covariance + wander[:, row, :, None] * unit
+    return weighted, inverse, left
+
+
+def look_back(
+    speeds: np.ndarray, weighted: np.ndarray, inverse: np.ndarray, left: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Backward pass: how far later samples pull the length of each row, and how surely, (blocks, rows − 1) each."""
+    pull, sure = np.empty(speeds.shape[:2]), np.empty(speeds.shape[:2])
+    adjoint, square = weighted[-1], inverse[-1]
+    for row in range(len(weighted) - 2, -1, -1):
+        speed = speeds[:, row]
+        pull[:, row] = (speed * adjoint).sum(axis=1)
+        sure[:, row] = np.einsum("bi,bij,bj->b", speed, square, speed, optimize=False)
+        keep = np.swapaxes(left[row], 1, 2)
+        adjoint = weighted[row] + np.einsum("bij,bj->bi", keep, adjoint)
+        square = inverse[row] + keep @ square @ left[row]
+    return pull, sure
 
 
 def at_every_row(values: np.ndarray, fresh: np.ndarray) -> np.ndarray:
@@ -224,21 +204,15 @@ AGREE, FARTHEST = 0.5, 3.0
 count up to so many mean rows. Impacts and noise correlate by less than 0.2, uneven rows by more than 0.9."""
 SHARPEST, LEAST_SCATTER = 0.2, 0.12
 """Share of the rows in which the halves also have to agree on a scatter of so many mean rows; even rows reach 0.05."""
-MOVING = 0.1
-"""Share of the rows in which a channel has to move to have a say in a clock."""
-QUIET = 0.625
-"""The noise of the quietest windows over that of all; the smoother takes the latter."""
+MOVING = 0.1  # share of the rows in which a channel has to move to have a say in a clock
+QUIET = 0.625  # the noise of the quietest windows over that of all; the smoother takes the latter
 STALL, STALLS, SURE = 2.5, 2, 4.0
 """A row that lasts longer than others by so many mean rows by both halves of the channels, each so many standard
 deviations sure, is a stall; from so many on a log is uneven."""
-MOST_FIT = 0.8
-"""Share of the motions between samples that even rows have to explain within ``OUTLIER`` standard deviations."""
-EVEN = 0.06
-"""Rows whose lengths scatter by a smaller share of their mean are even: noise alone lets them scatter by 0.03."""
-REPEATS = 0.02
-"""Share of repeated samples, while a joint moves, from which a log is one of messages."""
-UNEVEN = 0.15
-"""Rows are uneven whose lengths scatter by more than this share of their mean."""
+MOST_FIT = 0.8  # share of motions between samples that even rows have to explain within ``OUTLIER`` deviations
+EVEN = 0.06  # rows whose lengths scatter by a smaller share of their mean are even: noise alone makes 0.03
+REPEATS = 0.02  # share of repeated samples, while a joint moves, from which a log is one of messages
+UNEVEN = 0.15  # rows are uneven whose lengths scatter by more than this share of their mean
 
 
 def row_clock(log: Log, joints: Sequence[str]) -> RowClock | None:
@@ -298,7 +272,7 @@ def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
 def moving_channels(log: Log, every: Stream) -> list[int]:
     """Channels that move in enough rows to have a say in a clock."""
     period = float(log.time[-1] - log.time[0]) / (len(log) - 1)
-    return [k for k in range(every.position.shape[1]) if every.channel(k).share_in_motion(period) > MOVING]
+    return [k for k in range(every.position.shape[1]) if every.channel(k).moves(period).mean() > MOVING]
 
 
 def scatter_alike(halves: Sequence[tuple[np.ndarray, np.ndarray]], expected: np.ndarray, precision: np.ndarray) -> bool:
@@ -354,7 +328,12 @@ def noisy_clock(log: Log, streams: Sequence[Stream], every: Stream, fresh: np.nd
     if len(moving) < 2:
         return None
     claimed = np.diff(log.time)
-    lengths = smoothed_lengths(every.channel(moving), fresh[:, moving], claimed).mean
+    chosen, fresh = every.channel(moving), fresh[:, moving]
+    noise, velocity_noise = (
+        np.array([quiet_noise(values[new, None])[0] for values, new in zip(table.T, fresh.T, strict=True)]) / QUIET
+        for table in (chosen.position, chosen.velocity)
+    )
+    lengths = smooth_lengths(Samples(chosen.position, chosen.velocity, fresh, noise, velocity_noise), claimed)
     if float(np.std(lengths - claimed)) < EVEN * float(lengths.mean()):
         lengths = claimed * lengths.sum() / claimed.sum()
     instants = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -364,15 +343,6 @@ def noisy_clock(log: Log, streams: Sequence[Stream], every: Stream, fresh: np.nd
     return RowClock(
         instants, {name: shown[stream.name] for stream in streams for name in stream.columns}, None, repeats
     )
-
-
-def smoothed_lengths(every: Stream, fresh: np.ndarray, claimed: np.ndarray) -> SmoothedLengths:
-    """Lengths of rows by a smoother; ``fresh`` as in ``noisy_clock``, ``claimed`` lengths, s, (rows − 1,)."""
-    noise, velocity_noise = (
-        np.array([quiet_noise(values[new, None])[0] for values, new in zip(table.T, fresh.T, strict=True)]) / QUIET
-        for table in (every.position, every.velocity)
-    )
-    return smooth_lengths(Samples(every.position, every.velocity, fresh, noise, velocity_noise), claimed)
 
 
 def lengths_by(stream: Stream, around: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -16,15 +16,11 @@ class Quantity:
 
     name: str
     unit: str
-    per: str
-    """``base``, ``joint``, ``foot``, ``pair`` or ``log``: one value a row."""
+    per: str  # ``base``, ``joint``, ``foot``, ``pair`` or ``log``: one value a row
     meaning: str
-    low: float
-    """Values below this one are impossible for any robot, in the quantity's unit."""
-    high: float
-    """The same of values above."""
-    components: tuple[str, ...] = ()
-    """Suffixes of the name in the columns of the base."""
+    low: float  # values below this one are impossible for any robot, in the quantity's unit
+    high: float  # the same of values above
+    components: tuple[str, ...] = ()  # suffixes of the name in the columns of the base
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -83,8 +79,7 @@ def quantity_of(column: str) -> Quantity | None:
     return next((quantity for quantity in QUANTITIES.values() if column in quantity.columns), None)
 
 
-LATEST_S = 1e7
-"""Latest time in a log, s: time counts from its first row, not from an epoch."""
+LATEST_S = 1e7  # latest time in a log, s: time counts from its first row, not from an epoch
 
 
 @cache

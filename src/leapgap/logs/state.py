@@ -25,10 +25,8 @@ class States:
 
     log: Log
     motion: Motion
-    fitted: frozenset[str]
-    """Quantities that are slopes of a fit through others, here or by the importer."""
-    base: BaseEstimate | None
-    """Of a floating base whose position was not logged, by its planted feet; None elsewhere."""
+    fitted: frozenset[str]  # quantities that are slopes of a fit through others, here or by the importer
+    base: BaseEstimate | None  # of a floating base whose position was not logged, by its planted feet; None elsewhere
     deviation: np.ndarray
     """Standard deviation of states that were not measured, in their tangent, (rows, 2 nv); zero for what was logged."""
 
@@ -162,7 +160,8 @@ def unmeasured_deviation(
         more = np.mean(cubic.noise_gain**2 - parabola.noise_gain**2)
         bent = np.maximum(0, np.mean((cubic.velocity - parabola.velocity) ** 2, axis=0) - noise * more)
         deviation = np.sqrt(parabola.noise_gain[:, None] ** 2 * noise + bent)
-        for quantity, entries in entries_of(robot).items():
+        of_base = {"base_linvel": np.arange(3), "base_angvel": np.arange(3, 6)} if robot.has_free_base else {}
+        for quantity, entries in (of_base | {"joint_vel": robot.joint_dofs}).items():
             if quantity in fitted:
                 found[:, nv + entries] = deviation[:, entries]
     if base is not None:
@@ -170,12 +169,6 @@ def unmeasured_deviation(
         if not has_base_velocity(log):
             found[:, nv : nv + VELOCITY_SLICE.stop] = base.velocity_deviation
     return found
-
-
-def entries_of(robot: Robot) -> dict[str, np.ndarray]:
-    """Entries of each velocity in ``qvel``, by its quantity."""
-    base = {"base_linvel": np.arange(3), "base_angvel": np.arange(3, 6)} if robot.has_free_base else {}
-    return base | {"joint_vel": robot.joint_dofs}
 
 
 def tangent_of(motion: Motion, robot: Robot) -> np.ndarray:

@@ -11,21 +11,14 @@ from leapgap.logs.noise import resolution_of
 from leapgap.logs.schema import BASE_POSITION, BASE_VELOCITY
 
 BASE = "base"
-POSITION, VELOCITY = "joint_pos/", "joint_vel/"
-"""Columns of a joint begin so."""
-NOISE_WINDOW = 20
-"""Rows over which noise is taken; the quietest windows count, since uneven rows scatter moving joints."""
-QUIETEST = 0.02
-"""Share of the windows that is quieter than the noise."""
-MOVES = 3.0
-"""A channel moves where its velocity carries it by more than this many standard deviations of its noise in a row."""
-COUNTS = 2.0
-"""It also moves by more than so many counts of its encoder: between counts an encoder repeats itself."""
+POSITION, VELOCITY = "joint_pos/", "joint_vel/"  # columns of a joint begin so
+NOISE_WINDOW = 20  # rows over which noise is taken; the quietest windows count, since uneven rows scatter moving joints
+QUIETEST = 0.02  # share of the windows that is quieter than the noise
+MOVES = 3.0  # a channel moves where its velocity carries it by so many deviations of its noise in a row
+COUNTS = 2.0  # it also moves by more than so many counts of its encoder: between counts an encoder repeats itself
 
-CURVATURE = 0.1
-"""Error of a mean of two velocities, as a share of their difference."""
-OUTLIER = 2.0
-"""An equation of motion that misses by more standard deviations counts less and less."""
+CURVATURE = 0.1  # error of a mean of two velocities, as a share of their difference
+OUTLIER = 2.0  # an equation of motion that misses by more standard deviations counts less and less
 
 
 @dataclass(frozen=True)
@@ -33,12 +26,9 @@ class Stream:
     """Channels that one message brings: their positions and velocities are sampled at the same instants."""
 
     name: str
-    columns: tuple[str, ...]
-    """All columns of the message."""
-    position: np.ndarray
-    """(rows, channels), rad or m."""
-    velocity: np.ndarray
-    """(rows, channels), per s."""
+    columns: tuple[str, ...]  # all columns of the message
+    position: np.ndarray  # (rows, channels), rad or m
+    velocity: np.ndarray  # (rows, channels), per s
 
     @cached_property
     def fresh(self) -> np.ndarray:
@@ -60,10 +50,6 @@ class Stream:
     def resolution(self) -> np.ndarray:
         """Distance between neighbouring values of each position, (channels,): an encoder's count, or the last digit."""
         return resolution_of(self.position)
-
-    def share_in_motion(self, period_s: float) -> float:
-        """Share of the rows in which its velocity moves a channel visibly."""
-        return float(self.moves(period_s).mean())
 
     def channel(self, chosen: int | Sequence[int]) -> "Stream":
         """The message with some of its channels."""
@@ -88,24 +74,17 @@ def quiet_noise(values: np.ndarray) -> np.ndarray:
 
 def streams_of(log: Log, joints: Sequence[str]) -> list[Stream]:
     """The messages that a log was written from: joints that repeat together come together, and the base."""
-    found = [
-        joint_stream(log, joint) for joint in joints if f"joint_pos/{joint}" in log and f"joint_vel/{joint}" in log
-    ]
     together: dict[bytes, list[Stream]] = {}
-    for stream in found:
-        together.setdefault(stream.fresh.tobytes(), []).append(stream)
+    for joint in joints:
+        columns = (f"joint_pos/{joint}", f"joint_vel/{joint}")
+        if all(name in log for name in columns):
+            stream = Stream(joint, columns, *(log[name][:, None] for name in columns))
+            together.setdefault(stream.fresh.tobytes(), []).append(stream)
     merged = [merge(streams) for streams in together.values()]
     if all(name in log for name in (*BASE_POSITION, *BASE_VELOCITY)):
         own = tuple(name for name in log.columns if name.startswith("base_"))
         merged.append(Stream(BASE, own, log.stack(BASE_POSITION), log.stack(BASE_VELOCITY)))
     return merged
-
-
-def joint_stream(log: Log, joint: str) -> Stream:
-    """The message of one joint."""
-    columns = (f"joint_pos/{joint}", f"joint_vel/{joint}")
-    position, velocity = (log[name][:, None] for name in columns)
-    return Stream(joint, columns, position, velocity)
 
 
 def merge(streams: Sequence[Stream]) -> Stream:

@@ -15,59 +15,41 @@ from leapgap.logs.derivatives import velocity_fit
 from leapgap.logs.log import Log
 from leapgap.logs.noise import noise_of, ticks_of
 
-LONGEST_S = 0.25
-"""Lags are looked for up to this."""
-SHORTEST_SPAN_S, LONGEST_SPAN_S = 0.05, 0.4
-"""Displacements are taken over this time, and over more where a joint moves slowly."""
-SEEN = 20.0
-"""A span is long enough in which joints move by so many standard deviations of what their encoders resolve."""
-LEAST_ROWS = 0.75
-"""Shortest lag that is told, in rows: a difference of two rows is late by half a row, and nobody's register is."""
-PARTS = 8
-"""Parts of a log that are left out in turn, for the standard error of a lag."""
-SURE = 3.0
-"""Standard errors by which a lag is one."""
-EXPLAINS = 2.0
-"""A lag leaves at most 1/so much of the variance that velocities without it leave."""
-FITS = 0.8
-"""Least share of the variance of displacements that velocities with their lag explain."""
-LEAST_REST = 0.02
-"""Share of its size by which a velocity must be off without lag or ticks to be told."""
+LONGEST_S = 0.25  # lags are looked for up to this
+SHORTEST_SPAN_S, LONGEST_SPAN_S = 0.05, 0.4  # displacements are taken over this time; over more where a joint is slow
+SEEN = 20.0  # a span is long enough in which joints move by so many standard deviations of what their encoders resolve
+LEAST_ROWS = 0.75  # shortest lag that is told, in rows: a difference of two is late by half a row, and no register is
+PARTS = 8  # parts of a log that are left out in turn, for the standard error of a lag
+SURE = 3.0  # standard errors by which a lag is one
+EXPLAINS = 2.0  # a lag leaves at most 1/so much of the variance that velocities without it leave
+FITS = 0.8  # least share of the variance of displacements that velocities with their lag explain
+LEAST_REST = 0.02  # share of its size by which a velocity must be off without lag or ticks to be told
 LATE, FILTERED, UNCLEAR = "late", "filtered", "late or filtered"
 OTHER_UNIT, FEWEST_JOINTS = 1.25, 3
 """Of so many joints or more one has two units, where its s is so many times that of the others, or they of it."""
-CLEARER = 1.5
-"""One description of a lag is told, and not the other, where it leaves so much less unexplained."""
+CLEARER = 1.5  # one description of a lag is told, and not the other, where it leaves so much less unexplained
 
 
 @dataclass(frozen=True)
 class VelocityColumn:
     """What one velocity column is against its positions."""
 
-    late_s: float
-    """Lag that suits it best, s; 0 where none is sure."""
-    error_s: float
-    """Standard error of the lag, s."""
-    kind: str
-    """``LATE``, ``FILTERED``, or ``UNCLEAR`` where nothing tells them apart."""
+    late_s: float  # lag that suits it best, s; 0 where none is sure
+    error_s: float  # standard error of the lag, s
+    kind: str  # ``LATE``, ``FILTERED``, or ``UNCLEAR`` where nothing tells them apart
     scale: float
     """Displacement of the positions over the integral of the velocity, over that of all joints; 1 where none is sure to
     be another."""
-    tick: float
-    """Width of the grid on which its values lie, rad/s or m/s; 0 where there is none."""
-    position_tick: float
-    """The same of the positions, rad or m."""
+    tick: float  # width of the grid on which its values lie, rad/s or m/s; 0 where there is none
+    position_tick: float  # the same of the positions, rad or m
     rest: float
     """What else it is off by from a velocity fitted through the positions, where far beyond noise and the fit's error.
 
     Standard deviation, rad/s or m/s; 0 where it is not.
     """
-    error: float
-    """Error of the reported velocity that its lag, ticks, unit and the rest make, standard deviation, rad/s or m/s."""
-    noise: float
-    """Standard deviation of its noise; 0 where rounding to its ticks explains it."""
-    error_if_derived: float
-    """Error of a velocity fitted through the positions, by what these resolve and by how they bend within the fit."""
+    error: float  # error of the reported velocity by lag, ticks, unit and rest, standard deviation, rad/s or m/s
+    noise: float  # standard deviation of its noise; 0 where rounding to its ticks explains it
+    error_if_derived: float  # of a velocity fitted through the positions, by what they resolve and how they bend
 
 
 def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[str, VelocityColumn]:
@@ -142,14 +124,11 @@ def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[s
 class VelocityLag:
     """Lag of a velocity behind its positions."""
 
-    late_s: float
-    """0 where no lag is sure."""
+    late_s: float  # 0 where no lag is sure
     error_s: float
     kind: str
-    scale: float
-    """Displacement over the integral of the velocity with its lag."""
-    fits: bool
-    """Whether that integral explains the displacements."""
+    scale: float  # displacement over the integral of the velocity with its lag
+    fits: bool  # whether that integral explains the displacements
 
 
 def lags_of(moved: np.ndarray, velocity: np.ndarray, span: int, period_s: float) -> list[VelocityLag]:

@@ -71,13 +71,10 @@ def channel_words(channel: str) -> str:
     return f"{joint} {JOINT_WORDS[quantity]}"
 
 
-MOST_VALUES = 120_000
-"""Largest number of values on a page; curves get fewer points where there are more."""
+MOST_VALUES = 120_000  # largest number of values on a page; curves get fewer points where there are more
 LEAST_INTERVAL_S = 0.004
-DIGITS = 4
-"""Significant digits of the largest difference of a replay from its log; the eye sees three in a plot."""
-LARGEST, MOST_FIRST = "largest errors", 6
-"""Name of the group that is shown first, and its number of channels."""
+DIGITS = 4  # significant digits of the largest difference of a replay from its log; the eye sees three in a plot
+LARGEST, MOST_FIRST = "largest errors", 6  # name of the group that is shown first, and its number of channels
 BASE = (
     *("base_pos_x", "base_pos_y", "base_pos_z", "base_roll", "base_pitch", "base_yaw"),
     *("base_linvel_x", "base_linvel_y", "base_linvel_z", "base_angvel_x", "base_angvel_y", "base_angvel_z"),

@@ -1,7 +1,6 @@
 """One jump, with or without ghosts beside it, as a Rerun recording, and the views that it opens with."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -27,12 +26,10 @@ from leapgap.reports.shown_robot import TIMELINE, Recorder, ShownRobot, recordin
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
 
-PLAYBACK_SPEED = 0.25
-"""Of real time, since a jump takes only 1.2 s."""
+PLAYBACK_SPEED = 0.25  # of real time, since a jump takes only 1.2 s
 BACKGROUND = (44, 48, 56)
 POSE = ("x", "z", "pitch")
-MOST_JOINTS = 8
-"""Number of joints that are shown beside the scene of a robot without a base state."""
+MOST_JOINTS = 8  # number of joints that are shown beside the scene of a robot without a base state
 
 
 def add_panels(root: rrb.Container) -> rrb.Blueprint:
@@ -136,14 +133,6 @@ def leg(actor: ShownRobot, name: str, residual: bool = False) -> rrb.Container:
 NONE: Mapping[str, Log] = MappingProxyType({})
 
 
-@dataclass(frozen=True)
-class Further:
-    """What an application adds to a recording: a tab, and what logs its entities."""
-
-    tab: rrb.Container
-    log: Callable[[Recorder, Sequence[ShownRobot]], None]
-
-
 def record_jump(
     path: Path,
     jump: Log,
@@ -153,7 +142,6 @@ def record_jump(
     label: str = "measured",
     says: str = "",
     substitutes: Mapping[str, Sequence[tuple[float, str]]] = NO_SUBSTITUTES,
-    further: Sequence[Further] = (),
 ) -> None:
     """Write a jump as a recording, whole or not at all.
 
@@ -162,7 +150,6 @@ def record_jump(
     columns only. ``label`` names the jump itself in legends: measured, simulated, reference. ``says``
     is put in front of its notes. ``substitutes``: for each robot, by its label, times in s and reasons of fallback
     commands of its controller; each such robot gets a lane of its own and lines among the events.
-    ``further`` is what an application adds.
     """
     actors = shown_robots(label, jump, ghosts, robot)
     # Scene on the left, base and residuals on the right, phases below; joints, forces and notes in tabs
@@ -181,7 +168,6 @@ def record_jump(
         forces.append(plot("forces/foot_sensors", "foot sensors [as logged]", legend=True))
     if forces:
         tabs.append(rrb.Grid(*forces, grid_columns=2, name="Ground forces on the robot"))
-    tabs.extend([one.tab for one in further])
     tabs.append(
         rrb.Horizontal(
             rrb.TextDocumentView(origin="notes", name="Notes"),
@@ -200,8 +186,6 @@ def record_jump(
         log_joints(to, actors)
         log_ground_forces(to, actors[0])
         log_phases(to, actors[0], substitutes)
-        for one in further:
-            one.log(to, actors)
         log_notes(to, actors, title or jump.name, says)
 
 
@@ -253,9 +237,7 @@ def in_words(info: LogInfo) -> list[str]:
     return lines
 
 
-GHOSTS = {"nominal": "nominal simulation", "corrected": "corrected simulation"}
-"""Subfolder of a folder of replays → label of its ghost."""
-JUDGED = "judged"
-"""Subfolder of a folder of replays: the logs as they were judged, by their own clock where they have one."""
+GHOSTS = {"nominal": "nominal simulation", "corrected": "corrected simulation"}  # subfolder of replays → ghost
+JUDGED = "judged"  # subfolder of a folder of replays: the logs as judged, by their own clock where they have one
 DIAGNOSED = "diagnosis.json"
 """File of a folder of replays: ``log`` names the jump that shows the diagnosis, ``sentence`` is its conclusion."""

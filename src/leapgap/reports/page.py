@@ -21,10 +21,8 @@ REAL, NOMINAL, CORRECTED = "#111827", "#e2542f", "#2563c9"
 GREY = "#8a93a3"
 
 
-HEAD = "page_head.html"
-"""Style and scripts that all pages share: colours on light and dark, phones, print, drawing of figures."""
-PACKED_FROM = 2000
-"""Length in characters from which data of a page are packed."""
+HEAD = "page_head.html"  # style and scripts of all pages: colours on light and dark, phones, print, figures
+PACKED_FROM = 2000  # length in characters from which data of a page are packed
 
 
 def render_page(template: Path, figures: dict[str, go.Figure], **values: Any) -> str:

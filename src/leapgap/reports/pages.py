@@ -22,8 +22,7 @@ def record_report(report: Report, path: Path) -> None:
     record_jump(path, shown, report.robot, beside, title=f"diagnosis of {shown.name}", says=content.sentence)
 
 
-REPLAYS = "replays"
-"""Folder of the replays inside that of the report, where they have none of their own."""
+REPLAYS = "replays"  # folder of the replays inside that of the report, where they have none of their own
 
 
 def write_kept_pages(names: Iterable[str], source: Path, out: Path) -> None:

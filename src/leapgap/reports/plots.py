@@ -18,8 +18,7 @@ from leapgap.robot.terrain import ground_geoms
 from leapgap.robot.topology import PAIRS
 
 BASE_PERIOD_S = 0.002
-JOINT_PERIOD_S = 0.005
-"""Sample periods of the plots: 500 Hz for the base, 200 Hz for joints and forces, about one sample per pixel."""
+JOINT_PERIOD_S = 0.005  # of the plots: 500 Hz for the base, 200 Hz for joints and forces, about a sample per pixel
 COMMAND_COLOUR: Colour = (150, 150, 150)
 FORCE_COLOURS: dict[str, Colour] = {
     "mpc_force": (240, 70, 70),
@@ -30,13 +29,10 @@ FOOT_COLOURS: tuple[Colour, ...] = ((74, 144, 255), (120, 200, 220), (255, 140, 
 PHASE_COLOURS = ((74, 144, 255), (255, 140, 40), (240, 200, 60), (150, 110, 230), (120, 126, 136), (225, 120, 190))
 """Colours of the segments of a log, in turn."""
 SUBSTITUTE_COLOURS = {"substitute": (235, 80, 110), "regular": (70, 74, 84)}
-HELD_S = 0.025
-"""Period between two updates of a controller, for which a substitute command is held."""
+HELD_S = 0.025  # period between two updates of a controller, for which a substitute command is held
 LIMIT_COLOUR: Colour = (200, 60, 60)
-LEAST_PUSH_N = 10.0
-"""Vertical force of a pair from which its direction means anything."""
-LIFT_OFF = "lift_off"
-"""Segment of a jump about the planned take-off."""
+LEAST_PUSH_N = 10.0  # vertical force of a pair from which its direction means anything
+LIFT_OFF = "lift_off"  # segment of a jump about the planned take-off
 PUSHING = dict.fromkeys(("rear_contact", LIFT_OFF), (False, True)) | {FLIGHT: (False, False)}
 """Segments of a jump in which not both pairs of feet are planned to push: (front, rear)."""
 NO_SUBSTITUTES: Mapping[str, Sequence[tuple[float, str]]] = MappingProxyType({})
@@ -50,8 +46,7 @@ class Component:
     key: str
     name: str
     unit: str
-    needs: str
-    """Column that a log must have for it."""
+    needs: str  # column that a log must have for it
     of: Callable[[Log], np.ndarray]
 
     @property

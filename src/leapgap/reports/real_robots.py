@@ -17,10 +17,8 @@ from leapgap.runtime.cache import ResultCache, result_key
 from leapgap.simulation.corrected import MODEL
 from leapgap.validation.real_robots import RealCase, outcome_of, published_pushes, read_case, refusal, toss_loss
 
-ROW = ".json"
-"""Ending of the file with the row of a case, beside the folder of its report."""
-Source = tuple[LogFormat, Any]
-"""Format and options of an import."""
+ROW = ".json"  # ending of the file with the row of a case, beside the folder of its report
+Source = tuple[LogFormat, Any]  # format and options of an import
 
 
 def judge_all(

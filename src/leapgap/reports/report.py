@@ -31,12 +31,9 @@ from leapgap.robot.model import Robot
 if TYPE_CHECKING:
     from leapgap.reports.viewer import EmbeddedViewer
 
-LEAST_CM = 0.5
-"""Errors of where a robot lands that are told, cm."""
-LEAST = 1e-9
-"""Smallest number that is told; what is physical is in SI units."""
-TIMELINE = "time"
-"""Timeline of the recordings; ``recorder.TIMELINE``, which imports Rerun."""
+LEAST_CM = 0.5  # errors of where a robot lands that are told, cm
+LEAST = 1e-9  # smallest number that is told; what is physical is in SI units
+TIMELINE = "time"  # timeline of the recordings; ``recorder.TIMELINE``, which imports Rerun
 
 
 def html(

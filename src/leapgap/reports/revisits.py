@@ -23,10 +23,8 @@ from leapgap.validation.outcome import CLAIMS, CaseOutcome, outcome
 from leapgap.validation.scoring import is_missed
 from leapgap.validation.seal import open_truth
 
-UNMADE = ("sensor", "jumps")
-"""Kinds of experiments that cannot be made: the generator has no sensors beside the state, and plans no jumps."""
-RUNNABLE = ("target", "targets", "jumps", "block_height_m")
-"""Settings of ``collect`` that the generator can follow for the robot of a case."""
+UNMADE = ("sensor", "jumps")  # kinds that cannot be made: the generator has no further sensors and plans no jumps
+RUNNABLE = ("target", "targets", "jumps", "block_height_m")  # settings of ``collect`` it can follow
 
 
 @dataclass(frozen=True)
@@ -68,20 +66,16 @@ def ablation_result(case: Seen, folder: Path) -> dict[str, Any]:
 
 def experiment_cases(cases: list[Seen], number: int | None) -> list[Seen]:
     """Cases of detectable effects of the table with an ambiguous verdict that proposes further jumps."""
-    asking = (
-        case
-        for case in cases
-        if case.first.kind in ("single", "pair", "triple")
-        and case.first.verdict == "ambiguous"
-        and case.first.detectable
-        and is_runnable(case.report.get("next_experiment") or {})
-    )
-    return list(asking)[:number]
-
-
-def is_runnable(proposal: Mapping[str, Any]) -> bool:
-    """Whether the generator can make a proposal: by settings of ``collect``, or without new sensors."""
-    return bool(proposal.get("collect")) or proposal.get("settings", {}).get("kind", UNMADE[0]) not in UNMADE
+    asking = []
+    for case in cases:
+        proposal = case.report.get("next_experiment") or {}
+        made = (
+            proposal.get("settings", {}).get("kind", UNMADE[0]) not in UNMADE
+        )  # by the generator, without new sensors
+        is_effect = case.first.kind in ("single", "pair", "triple") and case.first.detectable
+        if is_effect and case.first.verdict == "ambiguous" and (proposal.get("collect") or made):
+            asking.append(case)
+    return asking[:number]
 
 
 def is_feasible(case: Seen, overrides: list[str]) -> bool:
@@ -129,8 +123,7 @@ class RevisitSettings:
     struck: int
     experiments: int
     missed: int
-    further: list[str]
-    """Settings of ``collect`` that make the jumps which missed cases are diagnosed with."""
+    further: list[str]  # settings of ``collect`` that make the jumps which missed cases are diagnosed with
 
 
 @dataclass(frozen=True)

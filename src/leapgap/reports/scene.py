@@ -14,19 +14,16 @@ from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PAIRS
 
 WORLD = "world"
-METRES_PER_NEWTON = 0.001
-"""Length of a force arrow: the A1's weight, 122 N, is 12 cm."""
+METRES_PER_NEWTON = 0.001  # length of a force arrow: the A1's weight, 122 N, is 12 cm
 FLOOR_MARGIN_M = 0.55
-BELOW_M = 0.15
-"""Distance of the floor below the bodies' origins of a robot that hangs lower than its base."""
+BELOW_M = 0.15  # distance of the floor below the bodies' origins of a robot that hangs lower than its base
 FLOOR_COLOUR = (92, 98, 108)
 LINE_COLOUR = (122, 128, 138)
 BOX_COLOUR = (184, 158, 122)
 TARGET_COLOUR = (240, 200, 60)
 FORCES = {"mpc_force": (240, 70, 70), "pd_force": (240, 200, 60)}
 GHOST_ALPHA = 70
-CONE_HEIGHT_M = 0.12
-"""Height of the friction cones, that of an arrow of the A1's weight."""
+CONE_HEIGHT_M = 0.12  # height of the friction cones, that of an arrow of the A1's weight
 CONE_COLOUR = (150, 200, 90, 110)
 RING_POINTS = 16
 

@@ -66,8 +66,7 @@ Colour = tuple[int, int, int]
 MAIN: Colour = (74, 144, 255)
 GHOSTS: tuple[Colour, ...] = ((255, 140, 40), (46, 190, 110), (190, 110, 240), (235, 80, 110), (120, 200, 220))
 """Colours that are legible on dark and on light; the nominal simulation gets the first, the corrected one the next."""
-POSE_PERIOD_S = 0.005
-"""Poses are drawn at up to 200 Hz."""
+POSE_PERIOD_S = 0.005  # poses are drawn at up to 200 Hz
 
 
 @dataclass(frozen=True)

@@ -28,15 +28,12 @@ their columns differ anyway."""
 class Job:
     """One diagnosis: a folder of logs, the robot and the settings."""
 
-    place: str
-    """Place of the verdict in the cache; its last part is the name of the case."""
+    place: str  # place of the verdict in the cache; its last part is the name of the case
     logs: Path
     robot: Path
     settings: Diagnosing
-    threads: int | None = None
-    """Threads of one diagnosis; None: one per core. They change no result, hence are no part of the key."""
-    pages: bool = True
-    """Whether the page is written too, or data to make it from."""
+    threads: int | None = None  # threads of one diagnosis, which change no result and no key; None: one per core
+    pages: bool = True  # whether the page is written too, or data to make it from
 
     @property
     def name(self) -> str:
@@ -55,10 +52,8 @@ class DiagnoseWithheldSettings:
 
     logs: str
     out: str | None
-    settings: dict[str, Any]
-    """Overrides of ``diagnose.settings``."""
-    only: list[str] = field(default_factory=list)
-    """Names of the cases; empty: all."""
+    settings: dict[str, Any]  # overrides of ``diagnose.settings``
+    only: list[str] = field(default_factory=list)  # names of the cases; empty: all
     published: bool = False
     pages: bool = True
 

@@ -29,11 +29,9 @@ FROM_PAGE = """
 class EmbeddedViewer:
     """Parts of a page that has the viewer inside; all are text."""
 
-    script: str
-    """JavaScript of the viewer, which sets ``window.WebViewer``."""
+    script: str  # JavaScript of the viewer, which sets ``window.WebViewer``
     wasm: str
-    recording: str
-    """Packed as ``wasm`` is: gzip in base64."""
+    recording: str  # packed as ``wasm`` is: gzip in base64
 
 
 def embedded_viewer(recording: bytes) -> EmbeddedViewer:

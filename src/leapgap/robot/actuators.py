@@ -16,15 +16,13 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.robot.stated_actuators import UNLIMITED, JointActuator
 
-KP_OF_BIAS, KD_OF_BIAS = 1, 2
-"""Entries of ``biasprm`` of an affine actuator: −kp and −kd."""
+KP_OF_BIAS, KD_OF_BIAS = 1, 2  # entries of ``biasprm`` of an affine actuator: −kp and −kd
 STABLE_SHARE = 0.25
 """Largest share of a joint's speed that a damper of ours may take in one explicit step.
 
 The joint's inertia is that with all other joints held; with all others free it is smaller, and the step less stable.
 """
-PD_TOLERANCE = 1e-9
-"""Largest error of the torque of a joint PD, N·m, in the check on load."""
+PD_TOLERANCE = 1e-9  # largest error of the torque of a joint PD, N·m, in the check on load
 
 
 def replace_actuators(spec: mujoco.MjSpec, own: Sequence[JointActuator]) -> None:

@@ -18,21 +18,16 @@ from leapgap.robot.actuators import (
 )
 from leapgap.robot.stated_actuators import JointActuator
 
-DC_RESISTANCE, DC_CONSTANT, DC_KP, DC_KD, DC_VOLTAGE = 0, 1, 4, 6, 7
-"""Entries of ``gainprm`` of MuJoCo's DC motor."""
-DC_TIME_CONSTANT = 0
-"""Entry of ``dynprm`` of MuJoCo's DC motor: its electrical time constant, s."""
+DC_RESISTANCE, DC_CONSTANT, DC_KP, DC_KD, DC_VOLTAGE = 0, 1, 4, 6, 7  # entries of ``gainprm`` of MuJoCo's DC motor
+DC_TIME_CONSTANT = 0  # entry of ``dynprm`` of MuJoCo's DC motor: its electrical time constant, s
 DC_TEMPERATURE_COEFFICIENT = 2
 """Entry of ``gainprm`` of MuJoCo's DC motor; at 1, its temperature is the rise of its resistance as a share of it."""
-DC_HEAT = slice(2, 4)
-"""Entries of ``dynprm`` of MuJoCo's DC motor: thermal resistance, K/W, and heat capacity, J/K, of its windings."""
+DC_HEAT = slice(2, 4)  # of ``dynprm`` of MuJoCo's DC motor: thermal resistance, K/W, and heat capacity, J/K
 POSITION_INPUT, FEED_FORWARD_INPUT, NO_INPUT = 1, 4, 16
 """MuJoCo's input signatures of a DC motor whose one control is a set point or a torque, and of one without any control
 (bits; velocity is 2)."""
-LUGRE_BIAS = slice(3, 6)
-"""Entries of ``biasprm`` of MuJoCo's DC motor: Coulomb and static friction, N·m, and Stribeck's speed, rad/s."""
-LUGRE_DYNAMICS = slice(5, 7)
-"""Entries of ``dynprm`` of MuJoCo's DC motor: stiffness and damping of its bristles, N·m/rad and N·m·s/rad."""
+LUGRE_BIAS = slice(3, 6)  # of ``biasprm`` of MuJoCo's DC motor: friction at speed and at rest, N·m, Stribeck's speed
+LUGRE_DYNAMICS = slice(5, 7)  # of ``dynprm``: stiffness and damping of its bristles, N·m/rad and N·m·s/rad
 
 
 def make_dc_motors(
@@ -217,16 +212,11 @@ def split_joint_pd(model: mujoco.MjModel, motors: np.ndarray, dampers: np.ndarra
 class Winding:
     """Electrical side of a motor, seen at its joint."""
 
-    resistance: float
-    """V/(N·m)."""
-    voltage_v: float
-    """Largest voltage; 0: no limit."""
-    lag_s: float
-    """Electrical time constant; 0: none."""
-    heating: float = 0.0
-    """Growth of the resistance by heat, as a share of it, 1/(N²m²s) of the joint; 0: none."""
-    cooling_s: float = 1.0
-    """Time constant of the heat."""
+    resistance: float  # V/(N·m)
+    voltage_v: float  # largest voltage; 0: no limit
+    lag_s: float  # electrical time constant; 0: none
+    heating: float = 0.0  # growth of the resistance by heat, as a share of it, 1/(N²m²s) of the joint; 0: none
+    cooling_s: float = 1.0  # time constant of the heat
 
 
 def put_winding(actuator: mujoco.MjsActuator, winding: Winding) -> None:

@@ -14,8 +14,7 @@ import numpy as np
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import POSITION_SLICE, QUATERNION_SLICE, VELOCITY_SLICE, Motion
 
-SHOWN_GROUPS = 3
-"""MuJoCo's viewer shows geom groups 0–2; collision hulls usually sit in group 3."""
+SHOWN_GROUPS = 3  # MuJoCo's viewer shows geom groups 0–2; collision hulls usually sit in group 3
 UNSET_RGBA = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)
 """MuJoCo's default geom colour; only a geom of this colour takes the colour of its material."""
 KINDS = {
@@ -183,10 +182,8 @@ def feet_load(robot: Robot, motion: Motion, acceleration: np.ndarray, torque: np
     return load
 
 
-DEEPEST_M = 0.015
-"""Ground that bears the weight of a robot no sooner than at this depth does not: the motors give way instead."""
-HALVINGS = 9
-"""Number of times that this depth is halved: to 0.03 mm."""
+DEEPEST_M = 0.015  # ground that bears a robot's weight no sooner than at this depth does not: motors give way
+HALVINGS = 9  # number of times that this depth is halved: to 0.03 mm
 
 
 def sinking_depths(robot: Robot, qpos: np.ndarray, torque: np.ndarray) -> np.ndarray:
@@ -225,12 +222,9 @@ class Poses:
     """Poses of bodies and feet in the world in each row of a motion."""
 
     bodies: tuple[str, ...]
-    positions: np.ndarray
-    """(rows, bodies, 3) m, origins of the bodies."""
-    quaternions: np.ndarray
-    """(rows, bodies, 4), w x y z, body to world."""
-    feet: np.ndarray
-    """(rows, feet, 3) m, centres of the feet, in the order of ``Robot.feet``."""
+    positions: np.ndarray  # (rows, bodies, 3) m, origins of the bodies
+    quaternions: np.ndarray  # (rows, bodies, 4), w x y z, body to world
+    feet: np.ndarray  # (rows, feet, 3) m, centres of the feet, in the order of ``Robot.feet``
 
     @cached_property
     def base(self) -> np.ndarray:

@@ -13,18 +13,13 @@ import numpy as np
 from leapgap.robot.model import Robot
 from leapgap.robot.picture import chunk, compressed, drawn, framing, header, light, shown_model
 
-SIZE = (360, 270)
-"""Width and height, pixels."""
-LENGTH_S, PER_S = 6.0, 8
-"""Length of a loop and its frames a second."""
-SLOWEST = 5.0
-"""Short motions are shown this many times slower at most."""
+SIZE = (360, 270)  # width and height, pixels
+LENGTH_S, PER_S = 6.0, 8  # length of a loop and its frames a second
+SLOWEST = 5.0  # short motions are shown this many times slower at most
 COLOURS = ((0.62, 0.65, 0.70, 1.0), (0.89, 0.33, 0.18, 1.0), (0.15, 0.39, 0.79, 1.0))
 """Of what was measured, of the nominal and of the corrected replay."""
-LAYERS = {2: (1, 0), 3: (1, 2, 0)}
-"""Order in which layers are drawn: nominal, corrected, measured above both."""
-LEVELS = 32
-"""Colours are rounded to this many levels, which makes a loop a third as large."""
+LAYERS = {2: (1, 0), 3: (1, 2, 0)}  # order in which layers are drawn: nominal, corrected, measured above both
+LEVELS = 32  # colours are rounded to this many levels, which makes a loop a third as large
 
 
 @dataclass(frozen=True)
@@ -33,10 +28,8 @@ class Loop:
 
     png: bytes
     begin_s: float
-    end_s: float
-    """Stretch of the log that it shows."""
-    slower: float
-    """How many times slower than the robot it is."""
+    end_s: float  # stretch of the log that it shows
+    slower: float  # how many times slower than the robot it is
 
 
 def robot_loop(robot: Robot, time: np.ndarray, layers: Sequence[np.ndarray]) -> Loop | None:

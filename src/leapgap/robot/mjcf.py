@@ -15,8 +15,7 @@ from leapgap.errors import InputError
 from leapgap.robot.stated_actuators import MotorConstants
 from leapgap.runtime.atomic_io import write_text
 
-HASHED_DIGITS = 9
-"""Significant digits of numbers that count: compilers of different machines differ after the fifteenth."""
+HASHED_DIGITS = 9  # significant digits that count: compilers of different machines differ after the fifteenth
 LEFT_OUT = (
     *("mesh_", "bvh_", "oct_", "hfield_", "tex_", "mat_", "light_", "cam_", "skin_", "vis", "stat", "text_", "paths"),
     *("geom_rgba", "site_rgba", "tendon_rgba", "geom_matid", "site_matid", "tendon_matid", "key_", "signature"),
@@ -77,10 +76,8 @@ def canonical(values: np.ndarray) -> bytes:
     return " ".join(f"{value + 0.0:.{HASHED_DIGITS - 1}e}" for value in values.ravel().tolist()).encode()
 
 
-ASSETS = "assets"
-"""Folder of meshes, height fields and textures beside the file."""
-DIGITS = 17
-"""Significant digits with which a number read back is the number written."""
+ASSETS = "assets"  # folder of meshes, height fields and textures beside the file
+DIGITS = 17  # significant digits with which a number read back is the number written
 
 
 RELATIVE, OF_LARGEST, ABSOLUTE = 1e-9, 1e-12, 1e-15

@@ -35,8 +35,7 @@ EARTH, USUAL_GRAVITY = np.array([0.0, 0.0, -9.81]), 0.05
 DOWNWARDS, LEAST_GRAVITY = 0.7, 0.1
 """Least share of the gravity of a free base that points down, and least gravity, m/s²."""
 PARKED_BELOW_FLOOR_M = 50.0
-LEVEL = 1 - 1e-6
-"""Cosine of the largest slope of a level floor."""
+LEVEL = 1 - 1e-6  # cosine of the largest slope of a level floor
 
 
 @dataclass(frozen=True)
@@ -139,8 +138,9 @@ class Robot:
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """Sentences on what of the model file is left out or changed."""
-        notes = self._reading[1]
-        if self.has_free_base and not self._has_ground:
+        notes, ground = self._reading[1], ground_geoms(self.model)
+        touched = (self.model.geom_contype[ground] | self.model.geom_conaffinity[ground]).any()
+        if self.has_free_base and not touched:
             notes = (*notes, "the model has no ground: the robot falls freely (a scene file may add the floor)")
         x, y, z = gravity = gravity_of(self.model)
         if np.abs(gravity - EARTH).max() > USUAL_GRAVITY:
@@ -161,11 +161,6 @@ class Robot:
         discard_visual(spec, self.path)  # meshes that only show take most of the time
         motors, on_motors = actuators_of(compile_spec(spec, self.path), self.path, all_driven=not stated)
         return motors, (*notes, *on_motors), stated
-
-    @property
-    def _has_ground(self) -> bool:
-        ground = ground_geoms(self.model)
-        return bool((self.model.geom_contype[ground] | self.model.geom_conaffinity[ground]).any())
 
     @cached_property
     def ground_height(self) -> float:

@@ -23,18 +23,12 @@ from xml.parsers import expat
 
 LARGEST_XML_BYTES = 64 << 20
 LARGEST_FILE_BYTES = 256 << 20
-LARGEST_TOTAL_BYTES = 1 << 30
-"""Largest size of a model file, of a mesh, height field or texture, and of all of them together."""
-LARGEST_MODEL_BYTES = 1 << 30
-"""Largest size of a compiled model, with the working memory of its simulation."""
-MOST_ELEMENTS = 200_000
-"""Largest number of elements of a model after ``replicate`` and ``composite`` have multiplied them."""
-DEEPEST = 200
-"""Largest number of elements inside one another."""
-MOST_FILES, MOST_TRIES = 2000, 200_000
-"""Largest number of files, and of places where they are looked for."""
-ELEMENT_BYTES, LEVEL_BYTES, NUMBER_BYTES = 500, 40, 8
-"""What an element takes in a compiled model, more for each level above it, and a number."""
+LARGEST_TOTAL_BYTES = 1 << 30  # largest size of a model file, of a mesh, height field or texture, and of all
+LARGEST_MODEL_BYTES = 1 << 30  # largest size of a compiled model, with the working memory of its simulation
+MOST_ELEMENTS = 200_000  # largest number of elements once ``replicate`` and ``composite`` have multiplied them
+DEEPEST = 200  # largest number of elements inside one another
+MOST_FILES, MOST_TRIES = 2000, 200_000  # largest number of files, and of places where they are looked for
+ELEMENT_BYTES, LEVEL_BYTES, NUMBER_BYTES = 500, 40, 8  # what an element takes, more for each level above, and a number
 VERTEX_BYTES, PIXEL_BYTES, CELL_BYTES = 450, 4, 4
 """What a vertex of a built-in mesh takes with its hull, a pixel of a texture and a cell of a height field."""
 ORDINARY_ELEMENTS, ORDINARY_BYTES, ORDINARY_FILE_BYTES = 3000, 64 << 20, 128 << 20
@@ -57,15 +51,12 @@ LENGTHS: Mapping[str, tuple[tuple[tuple[str, ...], float, float], ...]] = {
 }
 """Element → its attributes whose product is bounded, the bound, and the bytes of one unit."""
 USER = re.compile("nuser_.+")
-MOST_USER = 1e6
-"""Attributes of ``size`` that give each element of a kind so many numbers, and the most of them."""
-MOST_RESOLUTION = 250.0
-"""Largest number that says how finely a built-in mesh is divided."""
+MOST_USER = 1e6  # attributes of ``size`` that give each element of a kind so many numbers, and the most of them
+MOST_RESOLUTION = 250.0  # largest number that says how finely a built-in mesh is divided
 FILES = ("file", "filename", *(f"file{side}" for side in ("right", "left", "up", "down", "front", "back")))
 """Attributes that name a file."""
 FOLDERS = ("meshdir", "texturedir", "assetdir")
-NAMES_XML = ("include", "model")
-"""Elements whose file is a model file, too."""
+NAMES_XML = ("include", "model")  # elements whose file is a model file, too
 UNITS = {"k": 1 << 10, "m": 1 << 20, "g": 1 << 30, "t": 1 << 40, "p": 1 << 50, "e": 1 << 60}
 NUMBER = re.compile(r"([0-9][0-9.]*(?:[eE][-+]?[0-9]+)?)\s*([kKmMgGtTpPeE]?)(?![0-9])")
 CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ufffd]")
@@ -85,8 +76,7 @@ LFS = b"version https://git-lfs"
 MOST_PIXELS = 6.4e7
 A_MODEL = "a MuJoCo model (XML) or a URDF"
 DO = "correct the file, or name another"
-MEMORY_BYTES, TIME_S = 1 << 30, 10
-"""Limits of the process that counts."""
+MEMORY_BYTES, TIME_S = 1 << 30, 10  # limits of the process that counts
 
 
 class RefusedError(Exception):
@@ -102,20 +92,16 @@ class Count:
     """What was counted of a model file and of the files that it includes."""
 
     main: Path
-    top: str = ""
-    """The top element: ``mujoco`` or ``robot``."""
+    top: str = ""  # the top element: ``mujoco`` or ``robot``
     elements: float = 0.0
     bytes: float = 0.0
     unusual: bool = False
-    users: dict[str, float] = field(default_factory=dict)
-    """Kind of element → numbers of the user that each has."""
+    users: dict[str, float] = field(default_factory=dict)  # kind of element → numbers of the user that each has
     keys: float = 0.0
-    pixels: float = 0.0
-    """Of the largest camera."""
+    pixels: float = 0.0  # of the largest camera
     range_finders: float = 0.0
     attached: float = 0.0
-    of_models: float = 0.0
-    """Copies of attached models, and elements in all of them."""
+    of_models: float = 0.0  # copies of attached models, and elements in all of them
     file_bytes: int = 0
     folders: dict[str, None] = field(default_factory=lambda: {"": None})
     parents: dict[Path, None] = field(default_factory=dict)
@@ -142,8 +128,7 @@ class Named:
 
     name: str
     tag: str
-    path: Path
-    """The model file that names it."""
+    path: Path  # the model file that names it
     inside: tuple[Path, ...]
     copies: float
     depth: int

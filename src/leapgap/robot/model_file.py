@@ -46,8 +46,7 @@ def model_file(model: Path | str) -> Path:
         ) from None
 
 
-MESHES = (".stl", ".obj", ".msh")
-"""Mesh files that MuJoCo reads."""
+MESHES = (".stl", ".obj", ".msh")  # mesh files that MuJoCo reads
 PACKAGE, WORLD = "package://", "world"
 XACRO = "xacro"
 
@@ -126,12 +125,9 @@ BOUNDED_OPTIONS = ("gravity", "wind", "density", "viscosity", "timestep")
 LARGEST, SHORTEST_STEP_S, LONGEST_STEP_S = 1e9, 2e-5, 0.1
 """Largest absolute value of a number of a model, SI units, and bounds of the time step of the simulation."""
 ITERATIONS = ("iterations", "ls_iterations", "noslip_iterations", "ccd_iterations", "sdf_iterations")
-MOST_ITERATIONS = 2e7
-"""Largest number of iterations of a solver in a second of a log."""
-REFUSALS = (ValueError, MemoryError, mujoco.FatalError)
-"""What MuJoCo raises for a model that it cannot read or compile."""
-POSE, TWIST = 7, 6
-"""Numbers of a free joint in ``qpos`` and in ``qvel``."""
+MOST_ITERATIONS = 2e7  # largest number of iterations of a solver in a second of a log
+REFUSALS = (ValueError, MemoryError, mujoco.FatalError)  # what MuJoCo raises for a model that it cannot read or compile
+POSE, TWIST = 7, 6  # numbers of a free joint in ``qpos`` and in ``qvel``
 
 
 def read_spec(path: Path, fix_base: bool | None) -> tuple[mujoco.MjSpec, tuple[str, ...]]:

@@ -18,10 +18,8 @@ from leapgap.errors import InputError, check_utf8
 from leapgap.robot import model_count
 from leapgap.robot.model_count import A_MODEL, DO, LARGEST_MODEL_BYTES, RefusedError, plain_size, signature_of
 
-TRIAL_S, TRIAL_BYTES = 60, 4 << 30
-"""Time of a processor and addresses that compiling an unusual model may take."""
-WAIT = 3
-"""How much longer a process may take by the clock than by its processor, which it shares."""
+TRIAL_S, TRIAL_BYTES = 60, 4 << 30  # time of a processor and addresses that compiling an unusual model may take
+WAIT = 3  # how much longer a process may take by the clock than by its processor, which it shares
 TRIAL = """
 import json, sys
 asked = json.load(sys.stdin)

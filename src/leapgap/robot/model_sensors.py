@@ -7,14 +7,10 @@ import numpy as np
 
 from leapgap.robot.model import Robot
 
-IMU_ACCELERATION = ("imu_acc_x", "imu_acc_y", "imu_acc_z")
-"""Specific force in the axes of the IMU, m/s²: at rest it is 1 g upwards."""
-FOOT_FORCE = "foot_force/"
-"""Before the name of a foot: the normal force on it, N."""
-SENSOR = "leapgap "
-"""Before the names of the sensors that are added to a model."""
-AROUND = 1.5
-"""The zone in which contacts of a foot count, as a multiple of the radius of a ball around it."""
+IMU_ACCELERATION = ("imu_acc_x", "imu_acc_y", "imu_acc_z")  # specific force in the IMU's axes, m/s²: at rest 1 g up
+FOOT_FORCE = "foot_force/"  # before the name of a foot: the normal force on it, N
+SENSOR = "leapgap "  # before the names of the sensors that are added to a model
+AROUND = 1.5  # the zone in which contacts of a foot count, as a multiple of the radius of a ball around it
 
 
 def sensor_columns(robot: Robot) -> tuple[str, ...]:

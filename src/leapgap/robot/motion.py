@@ -5,26 +5,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-POSITION_SLICE, QUATERNION_SLICE = slice(0, 3), slice(3, 7)
-"""A free base in ``qpos``: origin in the world, m; base to world, w x y z."""
+POSITION_SLICE, QUATERNION_SLICE = slice(0, 3), slice(3, 7)  # free base in ``qpos``: origin, m; base to world, w x y z
 VELOCITY_SLICE, ANGULAR_VELOCITY_SLICE = slice(0, 3), slice(3, 6)
 """A free base in ``qvel``: of its origin in the world, m/s; in base axes, as a gyro reads it, rad/s."""
-TWIST_SLICE = slice(0, 6)
-"""All of a free base in ``qvel``."""
+TWIST_SLICE = slice(0, 6)  # all of a free base in ``qvel``
 
 
 @dataclass(frozen=True)
 class Motion:
     """Positions and velocities of a robot over time, SI units; the base parts exist for a free base only."""
 
-    qpos: np.ndarray
-    """(rows, nq): position and quaternion w x y z of a free base, then joints, in MuJoCo's order."""
-    qvel: np.ndarray
-    """(rows, nv): velocity of a free base in the world, its angular velocity in base axes, then joints."""
+    qpos: np.ndarray  # (rows, nq): position and quaternion w x y z of a free base, then joints, in MuJoCo's order
+    qvel: np.ndarray  # (rows, nv): velocity of a free base in the world, its angular velocity in base axes, then joints
     sensors: np.ndarray | None = None
     """(rows, sensors): what sensors beside the state measured, in an order that the caller knows; None without any."""
-    time: np.ndarray | None = None
-    """(rows,), s, of rows of unequal length while effects change what is measured; None elsewhere."""
+    time: np.ndarray | None = None  # (rows,), s, of uneven rows while effects change what is measured; None elsewhere
 
     @staticmethod
     def of_states(states: np.ndarray, nq: int) -> "Motion":

@@ -17,16 +17,12 @@ import numpy as np
 
 from leapgap.robot.model import Robot
 
-BACKENDS = ("egl", "osmesa")
-"""Libraries that draw without a screen; the environment's ``MUJOCO_GL`` stands before them."""
-SIZE, SECONDS = (480, 360), 60
-"""Width and height, pixels, and time for the picture."""
+BACKENDS = ("egl", "osmesa")  # libraries that draw without a screen; the environment's ``MUJOCO_GL`` stands before them
+SIZE, SECONDS = (480, 360), 60  # width and height, pixels, and time for the picture
 COLOUR, OTHERS = (0.89, 0.33, 0.18, 1.0), (0.62, 0.65, 0.70, 1.0)
 AZIMUTH, ELEVATION, DISTANCE = 130.0, -20.0, 1.35
-ROD = 0.03
-"""Radius of rods in place of shapes, as a share of the distance between the outermost links."""
-HALF = 0.6
-"""Share of the sphere about a shape that is sure to be seen."""
+ROD = 0.03  # radius of rods in place of shapes, as a share of the distance between the outermost links
+HALF = 0.6  # share of the sphere about a shape that is sure to be seen
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 

@@ -21,16 +21,12 @@ PREFIX = "rotor of "
 STIFFEST = 0.7
 """Natural frequency of rotor against link times the step of the simulation, for the stiffest spring; 2 is unstable, and
 in other poses the frequency is higher."""
-LIGHTEST = 1e-3
-"""Least inertia of a link, as a share of that of joint and rotor together."""
-DAMPING_RATIO = 0.02
-"""Of rotor against link on their spring."""
+LIGHTEST = 1e-3  # least inertia of a link, as a share of that of joint and rotor together
+DAMPING_RATIO = 0.02  # of rotor against link on their spring
 TEETH_SOLREF, TEETH_SOLIMP = (0.003, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
 """Impact of the teeth at an end of the play, as MuJoCo describes contacts."""
-CARRIED_ROWS = 10
-"""Rows of a stiff robot's motion by which a rotor's first twist and its rate are known."""
-WEIGHTLESS = 1e-9
-"""Mass and inertia of the rotor's body, kg, kg·m²; what it has beyond is the armature of its joint."""
+CARRIED_ROWS = 10  # rows of a stiff robot's motion by which a rotor's first twist and its rate are known
+WEIGHTLESS = 1e-9  # mass and inertia of the rotor's body, kg, kg·m²; what it has beyond is the armature of its joint
 
 
 def joints_with_rotors(robot: Robot, location: str) -> np.ndarray:

@@ -6,8 +6,7 @@ from leapgap.errors import InputError
 from leapgap.robot.model import Robot
 from leapgap.robot.model_file import compile_spec, discard_visual
 
-OWN_MODEL = "robot.xml"
-"""File beside the logs of a withheld case with the model of its robot; without it, that of the pipeline."""
+OWN_MODEL = "robot.xml"  # file beside the logs of a withheld case with its robot; without, that of the pipeline
 
 
 def own_model(logs: Path) -> Path | None:

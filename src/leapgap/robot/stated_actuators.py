@@ -16,10 +16,8 @@ RESISTANCE, TOP_SPEED = "motor_resistance", "motor_top_speed"
 class MotorConstants:
     """Of every joint's motor, seen at the joint through its gear: the motor constant is 1 there, and 1 V is 1 rad/s."""
 
-    resistance: float
-    """V/(N·m): R i with the current i as torque at the joint, hence the winding's R over (gear · Kt)²."""
-    top_speed_rad_s: float
-    """Largest speed that a joint is designed for, rad/s."""
+    resistance: float  # V/(N·m): R i with the current i as torque at the joint, hence the winding's R over (gear · Kt)²
+    top_speed_rad_s: float  # largest speed that a joint is designed for, rad/s
 
 
 def motors_of(model: mujoco.MjModel) -> MotorConstants | None:
@@ -47,16 +45,11 @@ class JointActuator:
 
     joint: str
     name: str
-    driven: bool
-    """False for a passive joint, which no actuator of the file drives."""
-    limit: tuple[float, float] = UNLIMITED
-    """Range of the torque, N·m (N for slides); infinite where the file states none."""
-    armature: float = 0.0
-    """Inertia that the file gives to actuators and not to the joint, kg·m²."""
-    damping: tuple[float, ...] = (0.0, 0.0, 0.0)
-    """Damping that the file gives to actuators: coefficients of q̇, |q̇| q̇ and q̇³."""
-    has_bias: bool = False
-    """Whether an actuator of the file depends on the joint's state, as servos do; a torque motor does not."""
+    driven: bool  # false for a passive joint, which no actuator of the file drives
+    limit: tuple[float, float] = UNLIMITED  # range of the torque, N·m (N for slides); infinite where not stated
+    armature: float = 0.0  # inertia that the file gives to actuators and not to the joint, kg·m²
+    damping: tuple[float, ...] = (0.0, 0.0, 0.0)  # that the file gives to actuators: coefficients of q̇, |q̇| q̇, q̇³
+    has_bias: bool = False  # whether an actuator of the file depends on the joint's state, as servos do
 
 
 def actuators_of(

@@ -34,8 +34,7 @@ def servo_gains(robot: Robot) -> dict[str, tuple[float, float]] | None:
 class Tie:
     """One joint's position as a linear function of another's: rad, or m of a slide."""
 
-    of: str
-    """The other joint."""
+    of: str  # the other joint
     slope: float
     offset: float
 

@@ -38,5 +38,4 @@ class Box:
     y_m: float
     size_m: tuple[float, float, float]
     top_m: float
-    estimated: bool = False
-    """True where the height was inferred from the log, not measured."""
+    estimated: bool = False  # true where the height was inferred from the log, not measured

@@ -15,12 +15,9 @@ SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
 class Feet:
     """The feet of a compiled model, in their order."""
 
-    geoms: np.ndarray
-    """Geom of each foot that touches the ground, (feet,): the foot itself, or the one nearest to it on its body."""
-    sites: np.ndarray
-    """Site of each foot that is one, (feet,); −1 for a foot that is a geom."""
-    height: np.ndarray
-    """Height of the foot's point above its sole in the rest pose, m, (feet,): the radius of a sphere."""
+    geoms: np.ndarray  # geom of each foot that touches the ground, (feet,): the foot, or its body's nearest to it
+    sites: np.ndarray  # site of each foot that is one, (feet,); −1 for a foot that is a geom
+    height: np.ndarray  # height of the foot's point above its sole in the rest pose, m, (feet,): the radius of a sphere
 
     def positions(self, data: mujoco.MjData) -> np.ndarray:
         """Points of the feet in the world, m, (feet, 3): centres of geoms, origins of sites."""
@@ -87,12 +84,9 @@ SEPARATORS = "_-./ "
 class PartNames:
     """A user's names of the parts of a robot; empty entries are read from the model."""
 
-    limbs: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    """Limb → its joints."""
-    groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    """Group → joints that are alike, one of each limb."""
-    feet: Sequence[str] = ()
-    """Geoms or sites that are feet."""
+    limbs: Mapping[str, Sequence[str]] = field(default_factory=dict)  # limb → its joints
+    groups: Mapping[str, Sequence[str]] = field(default_factory=dict)  # group → joints that are alike, one of each limb
+    feet: Sequence[str] = ()  # geoms or sites that are feet
 
 
 @dataclass(frozen=True)
@@ -101,11 +95,9 @@ class Topology:
 
     joints: tuple[str, ...]
     feet: tuple[str, ...]
-    limbs: Mapping[str, tuple[str, ...]]
-    """Limb → its joints, in the order of the model."""
+    limbs: Mapping[str, tuple[str, ...]]  # limb → its joints, in the order of the model
     feet_of_limb: Mapping[str, tuple[str, ...]]
-    groups: Mapping[str, tuple[str, ...]]
-    """``hip``, ``thigh``, … → the joints of that place in several limbs."""
+    groups: Mapping[str, tuple[str, ...]]  # ``hip``, ``thigh``, … → the joints of that place in several limbs
     pairs: Mapping[str, tuple[str, ...]]
     """``front`` and ``rear`` → limbs with feet, by where they are fixed to a free base; empty for other robots."""
 

@@ -16,14 +16,10 @@ from leapgap.errors import InputError
 HOST = re.sub(r"[^A-Za-z0-9]", "", socket.gethostname())[:20] or "host"
 PARTIAL = re.compile(r"\.(?P<name>.+)\.(?P<host>[A-Za-z0-9]{1,20})-(?P<pid>\d+)-[0-9a-f]{8}(\.replaced)?\.partial")
 """Names of temporary files and folders."""
-LARGEST_JSON = 256 << 20
-"""Bytes of a JSON file that is read."""
-METRIC_DIGITS = 4
-"""Significant digits of figures that are committed."""
-LONGEST_NAME = 150
-"""Characters of a name that its temporary name repeats, so that it stays a valid one."""
-TEMPORARY: set[Path] = set()
-"""Temporary files and folders of this process that exist now; what ends it at once removes them."""
+LARGEST_JSON = 256 << 20  # bytes of a JSON file that is read
+METRIC_DIGITS = 4  # significant digits of figures that are committed
+LONGEST_NAME = 150  # characters of a name that its temporary name repeats, so that it stays a valid one
+TEMPORARY: set[Path] = set()  # temporary files and folders of this process; what ends it at once removes them
 
 
 def partial(path: Path) -> Path:

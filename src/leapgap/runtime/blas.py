@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-FOLDERS = ("{name}.libs", "{name}/.dylibs")
-"""Where the wheels of NumPy and SciPy keep their OpenBLAS, beside or in the package."""
-PREFIXES, SUFFIXES = ("scipy_openblas", "openblas"), ("64_", "")
-"""Of the names of its functions, which differ between builds."""
+FOLDERS = ("{name}.libs", "{name}/.dylibs")  # where the wheels of NumPy and SciPy keep their OpenBLAS, beside or inside
+PREFIXES, SUFFIXES = ("scipy_openblas", "openblas"), ("64_", "")  # of its functions, by build
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,9 @@ from leapgap.runtime.import_closure import PACKAGE, code_hash, distributions, li
 from leapgap.runtime.output_folder import Marker
 
 RECORD = ".key"
-MARKER = "leapgap_result"
-"""Key of a record by which the cache recognises its own."""
+MARKER = "leapgap_result"  # key of a record by which the cache recognises its own
 FORMAT_VERSION = 1
-UNFINISHED = "unfinished"
-"""Stem of the record in the folder of a result that is being computed."""
+UNFINISHED = "unfinished"  # stem of the record in the folder of a result that is being computed
 
 
 def result_key(make: Callable[..., Any], inputs: Any) -> str:

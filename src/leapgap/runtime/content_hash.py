@@ -40,7 +40,8 @@ def content(value: Any) -> Iterator[bytes]:
     elif hasattr(value, "sha256"):
         yield f"file {value.sha256};".encode()
     elif is_dataclass(value) or isinstance(value, FunctionType) or hasattr(value, "__dict__"):
-        yield f"{qualified_name(value)} ".encode()
+        kind = defined_by(value)
+        yield f"{kind.__module__}.{kind.__qualname__} ".encode()
         yield from content(parts_of(value))
     elif isinstance(value, Mapping):
         yield f"mapping {len(value)};".encode()
@@ -53,12 +54,6 @@ def content(value: Any) -> Iterator[bytes]:
             yield from content(item)
     else:
         raise TypeError(f"no digest of a {type(value).__name__}: {value!r}")
-
-
-def qualified_name(value: Any) -> str:
-    """Module and name of a function, or of the class of any other value."""
-    kind = defined_by(value)
-    return f"{kind.__module__}.{kind.__qualname__}"
 
 
 def defined_by(value: Any) -> Any:

@@ -19,13 +19,11 @@ from typing import Any, TypeVar
 from leapgap.errors import InputError, needs
 from leapgap.runtime.processes import starting_workers
 
-UNUSED = r"\d+ tasks (have been|which were)"
-"""What joblib warns of where an error ends the work; the error itself is the message."""
+UNUSED = r"\d+ tasks (have been|which were)"  # what joblib warns of where an error ends the work, which says enough
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-Run = Callable[[Callable[[Any], Any], Any], Any]
-"""Applies a function to one item somewhere, and waits for the result."""
+Run = Callable[[Callable[[Any], Any], Any], Any]  # applies a function to one item somewhere, and waits for the result
 
 
 class JobPool:
@@ -91,12 +89,9 @@ class JobPool:
 class Executor:
     """How and where independent cases run; configuration group ``executor``."""
 
-    kind: str
-    """One of local, joblib and ray."""
-    workers: int
-    """Number of processes; unused by local."""
-    address: str | None = None
-    """Address of the Ray cluster; None starts one on this machine."""
+    kind: str  # one of local, joblib and ray
+    workers: int  # number of processes; unused by local
+    address: str | None = None  # address of the Ray cluster; None starts one on this machine
 
     def __post_init__(self) -> None:
         """Refuse a number of processes that means nothing; −1 is one for each core, as joblib has it."""

@@ -11,8 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-LOOKS, LOOK_S = 20, 0.05
-"""Number of looks for workers, and the time between two of them: a worker that is being started shows itself late."""
+LOOKS, LOOK_S = 20, 0.05  # looks for workers, and the time between two: a worker that is being started shows late
 
 
 def main() -> None:

@@ -13,33 +13,26 @@ from functools import cache, cached_property
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
 
-PACKAGE = Path(__file__).parent.parent
-"""Folder of the installed library."""
-DATA = (".xml", ".html")
-"""Endings of the files beside modules that modules read."""
+PACKAGE = Path(__file__).parent.parent  # folder of the installed library
+DATA = (".xml", ".html")  # endings of the files beside modules that modules read
 
-LOADER = "classes_by_name"
-"""Name of the function that imports all modules of a package; its callers depend on all modules of that package."""
+LOADER = "classes_by_name"  # the function that imports all modules of a package; its callers depend on them
 
 
 @dataclass(frozen=True)
 class ModuleReading:
     """What the file of a module says, from one parse: syntax trees of all modules would fill the memory."""
 
-    imports: frozenset[str]
-    """Modules of the tree, and outermost packages of others, that it imports (``SourceTree.imports``)."""
-    data_names: frozenset[str]
-    """String literals that end like a data file."""
-    meaning: str
-    """SHA-256 of what the code says (``meaning``)."""
+    imports: frozenset[str]  # modules of the tree and outermost packages of others (``SourceTree.imports``)
+    data_names: frozenset[str]  # string literals that end like a data file
+    meaning: str  # SHA-256 of what the code says (``meaning``)
 
 
 @dataclass(frozen=True)
 class SourceTree:
     """The modules below some package folders, and what they import."""
 
-    packages: tuple[Path, ...]
-    """Folders of top-level packages; a module's dotted name begins with the name of its folder."""
+    packages: tuple[Path, ...]  # folders of top-level packages; dotted names begin with the folder's name
 
     @cached_property
     def modules(self) -> dict[str, Path]:
@@ -244,8 +237,7 @@ def digest_of(tree: ast.Module) -> str:
 
 
 EMPTY_TEXT = "Constant(value='')"
-LAYOUT = ("kind", "type_comment", "ctx")
-"""Fields of a syntax tree that say how something is written, or repeat where it stands."""
+LAYOUT = ("kind", "type_comment", "ctx")  # fields of a syntax tree that say how something is written, or where
 
 
 def is_silent(node: object) -> bool:

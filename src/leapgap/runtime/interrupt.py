@@ -6,8 +6,7 @@ This file is imported first, so it imports next to nothing. Later ``processes.In
 import os
 import signal
 
-STOPPED = 130
-"""Exit code of a command that Ctrl-C ended."""
+STOPPED = 130  # exit code of a command that Ctrl-C ended
 
 
 def hear_early() -> None:

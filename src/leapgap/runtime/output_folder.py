@@ -27,11 +27,9 @@ except ImportError:  # Windows: two runs into one folder are not kept apart ther
     fcntl = None  # type: ignore[assignment]
 
 MARKER = ".leapgap.json"
-MARKED = "leapgap_output"
-"""Key of a marker by which it is recognised."""
+MARKED = "leapgap_output"  # key of a marker by which it is recognised
 FORMAT_VERSION = 1
-REPLACED = ".replaced.partial"
-"""End of the name of an earlier output while it is being replaced."""
+REPLACED = ".replaced.partial"  # end of the name of an earlier output while it is being replaced
 NAMES_SHOWN = 5
 AS_IT_WAS = "is as it was"
 ABSENT_EMPTY_OR_OURS = "a folder that does not exist, is empty, or was written by the same command"
@@ -41,10 +39,8 @@ ABSENT_EMPTY_OR_OURS = "a folder that does not exist, is empty, or was written b
 class Marker:
     """What the marker of a folder says."""
 
-    by: str
-    """Command that wrote the folder, such as ``stages.chunk``."""
-    files: tuple[str, ...]
-    """Every file that it wrote, relative to the folder, with ``/``; without the marker itself."""
+    by: str  # command that wrote the folder, such as ``stages.chunk``
+    files: tuple[str, ...]  # every file that it wrote, relative to the folder, with ``/``; without the marker itself
 
     @staticmethod
     def read(folder: Path) -> "Marker | None":
@@ -157,16 +153,11 @@ def check_contents(path: Path, by: str, kept: bool) -> None:
     if marker.by != by:
         do = "choose another output folder, or remove this one yourself"
         raise refusal(path, f"a folder that {marker.by} wrote", do)
-    foreign = [] if kept else foreign_files(path, marker)
-    if foreign:
+    known = set(marker.files)  # and not those of killed runs
+    foreign = [name for name in files_in(path) if name not in known and not is_partial(Path(name).name)]
+    if foreign and not kept:
         do = "move them elsewhere, or choose another output folder"
         raise refusal(path, f"{shown(foreign)} in it, which leapgap did not write there", do)
-
-
-def foreign_files(path: Path, marker: Marker) -> list[str]:
-    """Files below a folder that its marker does not list, without those of killed runs."""
-    known = set(marker.files)
-    return [name for name in files_in(path) if name not in known and not is_partial(Path(name).name)]
 
 
 def refusal(path: Path, found: str, do: str) -> InputError:
@@ -193,7 +184,10 @@ def whole_folder(folder: Path, by: str) -> Iterator[Path]:
         Marker(by, tuple(files_in(beside))).write(beside)
         if os.path.lexists(path):
             check_output(path, by)
-            replace_folder(path, beside)
+            old = path.with_name(beside.name.removesuffix(".partial") + REPLACED)
+            path.rename(old)
+            beside.rename(path)
+            remove_listed(old)
         else:
             beside.rename(path)
         STATES[path] = "is complete"
@@ -212,14 +206,6 @@ def staging_folder(path: Path, by: str) -> Iterator[Path]:
     finally:
         shutil.rmtree(beside, ignore_errors=True)
         TEMPORARY.discard(beside)
-
-
-def replace_folder(path: Path, new: Path) -> None:
-    """Put a folder in the place of an earlier output, and remove the files that its marker lists."""
-    old = path.with_name(new.name.removesuffix(".partial") + REPLACED)
-    path.rename(old)
-    new.rename(path)
-    remove_listed(old)
 
 
 def remove_listed(folder: Path) -> None:
@@ -302,8 +288,7 @@ def claim_folder(folder: Path, by: str) -> Path:
     return path
 
 
-STATES: dict[Path, str] = {}
-"""What became of each output folder of this run, in words, for a message when it ends early."""
+STATES: dict[Path, str] = {}  # what became of each output folder of this run, for a message when it ends early
 
 
 def what_is_kept() -> str:
@@ -325,14 +310,11 @@ class HeldLock:
     """The lock of a folder that this process holds."""
 
     descriptor: int
-    blocks: int = 0
-    """How many blocks hold the folder; the last to end frees it, whichever began first."""
+    blocks: int = 0  # how many blocks hold the folder; the last to end frees it, whichever began first
 
 
-LOCKS: dict[Path, HeldLock] = {}
-"""Locks that this process holds, by their folders."""
-CHANGING = threading.RLock()
-"""Held by the thread that takes or frees one; it may collect a forgotten block, which frees another, meanwhile."""
+LOCKS: dict[Path, HeldLock] = {}  # locks that this process holds, by their folders
+CHANGING = threading.RLock()  # for the thread that takes or frees one; it may collect a forgotten block meanwhile
 
 
 @contextmanager

@@ -21,18 +21,12 @@ from pathlib import Path
 from leapgap.runtime.atomic_io import TEMPORARY
 from leapgap.runtime.interrupt import STOPPED, end_at_once
 
-POLL_S = 1.0
-"""Time between two looks of a worker at its parent."""
-WAIT_S = 0.5
-"""Time that the main thread has after Ctrl-C to end its process itself."""
-TRACKER_ADVICE = "ignore:resource_tracker"
-"""Filter of the warning with which Python's own helper clears semaphores of workers that were ended."""
-PARENT = "LEAPGAP_PARENT"
-"""Variable that tells a worker which process started it, and whether by its main thread."""
-SET_DEATH_SIGNAL = 1
-"""``PR_SET_PDEATHSIG`` of ``prctl``."""
-GUARDED: dict[int, int] = {}
-"""Process that has a guardian → its end of the pipe at whose end the guardian acts; never closed but by its end."""
+POLL_S = 1.0  # time between two looks of a worker at its parent
+WAIT_S = 0.5  # time that the main thread has after Ctrl-C to end its process itself
+TRACKER_ADVICE = "ignore:resource_tracker"  # of Python's helper, which clears semaphores of workers that were ended
+PARENT = "LEAPGAP_PARENT"  # variable that tells a worker which process started it, and whether by its main thread
+SET_DEATH_SIGNAL = 1  # ``PR_SET_PDEATHSIG`` of ``prctl``
+GUARDED: dict[int, int] = {}  # process with a guardian → its end of the pipe whose end the guardian awaits
 
 
 @contextmanager
@@ -187,12 +181,9 @@ class InterruptGuard:
         self.end()
 
 
-SILENCE_S = 60.0
-"""Time without a line after which one is said, and again after each further such time."""
-STEP = re.compile(r"step (\d+) of (\d+)\b")
-"""How a line begins that says which step begins."""
-Begins = Mapping[int, tuple[float, float]]
-"""Least and largest share of the whole time that has passed when a step begins, by its number."""
+SILENCE_S = 60.0  # time without a line after which one is said, and again after each further such time
+STEP = re.compile(r"step (\d+) of (\d+)\b")  # how a line begins that says which step begins
+Begins = Mapping[int, tuple[float, float]]  # number of a step → least and largest share of the time when it begins
 
 
 @contextmanager

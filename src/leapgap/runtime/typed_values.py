@@ -15,13 +15,10 @@ import yaml
 
 from leapgap.errors import InputError, did_you_mean
 
-MERGE = "tag:yaml.org,2002:merge"
-"""Tag of the key ``<<``."""
+MERGE = "tag:yaml.org,2002:merge"  # tag of the key ``<<``
 NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
-LONGEST_NUMBER = 1000
-"""Characters of a number."""
-MOST_BYTES, MOST_VALUES = 1_000_000, 100_000
-"""Size of a file, and values in it, names written out."""
+LONGEST_NUMBER = 1000  # characters of a number
+MOST_BYTES, MOST_VALUES = 1_000_000, 100_000  # size of a file, and values in it, names written out
 
 
 def from_yaml(text: str) -> Any:
@@ -32,8 +29,7 @@ def from_yaml(text: str) -> Any:
 class Loader(yaml.SafeLoader):
     """Reads plain data and floating-point numbers without a dot, and refuses a key that is there twice."""
 
-    written_out = 0
-    """Keys of all mappings so far."""
+    written_out = 0  # keys of all mappings so far
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         """The mapping of a node; what ``<<`` brings in may be stated anew."""
@@ -85,8 +81,7 @@ def check_size(values: Any) -> None:
 
 
 Kind = TypeVar("Kind")
-LARGEST_SHOWN, LONGEST_SHOWN = 10**15, 200
-"""A whole number, and characters of a value, that a message shows."""
+LARGEST_SHOWN, LONGEST_SHOWN = 10**15, 200  # a whole number, and characters of a value, that a message shows
 
 
 def from_mapping(kind: type[Kind], values: Any, where: str) -> Kind:
@@ -99,16 +94,15 @@ def from_mapping(kind: type[Kind], values: Any, where: str) -> Kind:
         nearest = [question for name in unknown if (question := did_you_mean(str(name), fields))]
         expected, do = f"keys among {', '.join(sorted(fields))}", " ".join(nearest) or "correct them"
         raise InputError(where, f"the keys {', '.join(map(str, unknown))}", expected, do)
-    missing = [field.name for field in dataclasses.fields(kind) if is_needed(field) and field.name not in values]  # type: ignore[arg-type]
+    missing = [
+        field.name
+        for field in dataclasses.fields(kind)  # type: ignore[arg-type]
+        if field.default is field.default_factory is dataclasses.MISSING and field.name not in values
+    ]
     if missing:
         raise InputError(where, f"no {', '.join(missing)}", "every key that has no value of its own", "state it")
     types_of = typing.get_type_hints(kind)
     return kind(**{name: converted(types_of[name], value, f"{where}, {name}") for name, value in values.items()})
-
-
-def is_needed(field: dataclasses.Field) -> bool:
-    """Whether a field of a dataclass has no value unless it is stated."""
-    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
 def converted(kind: Any, value: Any, where: str) -> Any:

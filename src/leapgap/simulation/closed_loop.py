@@ -30,10 +30,8 @@ class Disturbance:
     begin_s: float
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Sudden change of forward velocity and of upward velocity, m/s, and of pitch rate, rad/s, at ``begin_s``."""
-    force_n: tuple[float, float] = (0.0, 0.0)
-    """Constant forward and upward force on the base's centre of mass from ``begin_s`` on, N."""
-    duration_s: float = 0.0
-    """How long the force lasts."""
+    force_n: tuple[float, float] = (0.0, 0.0)  # forward and upward, on the base's centre of mass from ``begin_s`` on
+    duration_s: float = 0.0  # how long the force lasts
 
     def __str__(self) -> str:
         """Its parts that are not zero, with units, and when: ``+0.2 m/s at 0.3 s``, ``-45 N from 0.3 to 0.4 s``."""
@@ -61,12 +59,9 @@ def disturb(
     data.xfrc_applied[base, :3] = force
 
 
-ROUNDING = 1e-6
-"""Tolerance on a number of control periods, so that rounding does not add one to a whole number."""
-ROOM = 8
-"""Space for commands that were sent, in histories."""
-MEMORY_S = 0.063
-"""Least length of the history that effects with a memory (delay, latency) see, s; see ``Effect.memory_s``."""
+ROUNDING = 1e-6  # tolerance on a number of control periods, so that rounding does not add one to a whole number
+ROOM = 8  # space for commands that were sent, in histories
+MEMORY_S = 0.063  # least history that effects with a memory (delay, latency) see, s; see ``Effect.memory_s``
 
 
 @dataclass(frozen=True)
@@ -74,8 +69,7 @@ class Sensing:
     """Measurements that the controller gets: those of the log, with the state of the base delayed."""
 
     noise: SensorNoise = field(default_factory=SensorNoise)
-    base_delay_s: float = 0.002
-    """Delay from a measurement of the base to the controller; joint measurements have none."""
+    base_delay_s: float = 0.002  # delay from a measurement of the base to the controller; joint measurements have none
 
 
 @dataclass(frozen=True)
@@ -84,10 +78,8 @@ class ClosedLoopRun:
 
     log: Log
     truth: Motion
-    touching: np.ndarray
-    """Whether each foot touches at each row, bool, (rows, feet)."""
-    ground_force: np.ndarray
-    """True force of the ground on each foot at each row, world axes, N, (rows, feet, 3)."""
+    touching: np.ndarray  # whether each foot touches at each row, bool, (rows, feet)
+    ground_force: np.ndarray  # true force of the ground on each foot at each row, world axes, N, (rows, feet, 3)
 
 
 class Plant:
@@ -119,8 +111,7 @@ class Plant:
         self.sent: list[Command] = []
         self.kept: tuple[np.ndarray, ...] = ()
         """Torques, positions and velocities that were sent, the first of all held before them, (ticks, joints) each."""
-        self.kept_ticks = 0
-        """Rows of them that are filled."""
+        self.kept_ticks = 0  # rows of them that are filled
         memory_s = max([MEMORY_S, *(effect.memory_s for effect in overriding(effects, "memory_s"))])
         self.memory = 1 + math.ceil(memory_s / self.period_s - ROUNDING)
         """Ticks from the oldest one that still counts to the newest."""

@@ -10,40 +10,26 @@ import numpy as np
 class StateEstimate:
     """State of the robot as the controller gets it at one tick: measured, noisy and delayed. SI units."""
 
-    time_s: float
-    """Time since the first row."""
-    base_position: np.ndarray
-    """Origin of the base in the world, (3,)."""
-    base_quaternion: np.ndarray
-    """Base to world, w x y z, (4,)."""
-    base_velocity: np.ndarray
-    """Of that origin, in the world, (3,)."""
-    base_angular_velocity: np.ndarray
-    """In base axes, as a gyro, (3,)."""
-    joint_pos: np.ndarray
-    """(joints,), rad, joint order of the robot."""
-    joint_vel: np.ndarray
-    """(joints,), rad/s."""
-    foot_contact: np.ndarray
-    """Whether each foot touches, bool, (feet,), foot order of the robot."""
+    time_s: float  # time since the first row
+    base_position: np.ndarray  # origin of the base in the world, (3,)
+    base_quaternion: np.ndarray  # base to world, w x y z, (4,)
+    base_velocity: np.ndarray  # of that origin, in the world, (3,)
+    base_angular_velocity: np.ndarray  # in base axes, as a gyro, (3,)
+    joint_pos: np.ndarray  # (joints,), rad, joint order of the robot
+    joint_vel: np.ndarray  # (joints,), rad/s
+    foot_contact: np.ndarray  # whether each foot touches, bool, (feet,), foot order of the robot
 
 
 @dataclass(frozen=True)
 class Command:
     """Joint commands until the next tick: feed-forward torque and joint PD; shape (joints,) each."""
 
-    torque: np.ndarray
-    """Feed-forward, N·m."""
-    position: np.ndarray
-    """Set point, rad."""
-    velocity: np.ndarray
-    """Set point, rad/s."""
-    kp: np.ndarray
-    """N·m/rad."""
-    kd: np.ndarray
-    """N·m·s/rad."""
-    planned_force: np.ndarray
-    """u_mpc: ground force on the robot that the feed-forward stands for, front x z, rear x z, N, world axes, (4,)."""
+    torque: np.ndarray  # feed-forward, N·m
+    position: np.ndarray  # set point, rad
+    velocity: np.ndarray  # set point, rad/s
+    kp: np.ndarray  # N·m/rad
+    kd: np.ndarray  # N·m·s/rad
+    planned_force: np.ndarray  # u_mpc, the ground force that the feed-forward stands for, front x z, rear x z, N, (4,)
 
 
 class Controller(ABC):

@@ -139,10 +139,8 @@ def motor_words(found: Mapping[str, Any]) -> list[str]:
 class WrittenRobot:
     """What was written of a corrected robot."""
 
-    found: Mapping[str, Any]
-    """As in ``parameters.json``."""
-    missing: Mapping[str, str]
-    """Model files that MuJoCo could not save, with the reason."""
+    found: Mapping[str, Any]  # as in ``parameters.json``
+    missing: Mapping[str, str]  # model files that MuJoCo could not save, with the reason
 
     @property
     def replayable(self) -> bool:

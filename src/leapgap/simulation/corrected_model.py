@@ -39,10 +39,8 @@ class Placement:
     """Where an effect of a correction is: in the corrected model, or in the file of effects alone."""
 
     effect: Effect
-    in_model: bool
-    """Whether the model has some of it."""
-    lacks: str = ""
-    """Why the model lacks it, or a part of it; empty where it has all of it."""
+    in_model: bool  # whether the model has some of it
+    lacks: str = ""  # why the model lacks it, or a part of it; empty where it has all of it
 
 
 def corrected_spec(robot: Robot, correction: Sequence[Effect]) -> tuple[mujoco.MjSpec, tuple[Placement, ...]]:

@@ -22,18 +22,15 @@ from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import NoiseRows, SensorNoise
 
-LARGEST_DEPTH_M = 0.002
-"""Largest penetration of a foot at the start. The contact resolves it; a deeper one would throw the robot."""
+LARGEST_DEPTH_M = 0.002  # largest depth of a foot at the start; contact resolves it, and deeper ones throw the robot
 
 
 @dataclass(frozen=True)
 class Course:
     """Times before and after the reference, s, and size of the block under the front feet, m."""
 
-    settle_s: float = 0.5
-    """The robot stands on its terrain this long before the reference begins."""
-    after_landing_s: float = 0.3
-    """The last command is held this long after the reference ends."""
+    settle_s: float = 0.5  # the robot stands on its terrain this long before the reference begins
+    after_landing_s: float = 0.3  # the last command is held this long after the reference ends
     block_length_m: float = 0.2
     block_width_m: float = 0.5
 
@@ -45,8 +42,7 @@ class MotionPlan:
     name: str
     reference: Log
     block_height_m: float = 0.0
-    rear_block_height_m: float = 0.0
-    """Height of a block under the rear feet, m (0: none)."""
+    rear_block_height_m: float = 0.0  # height of a block under the rear feet, m (0: none)
     crouch_error_rad: tuple[float, ...] = ()
     """How far each joint stands from the reference's first pose at the start, (joints,); empty: not at all."""
 
@@ -56,10 +52,8 @@ class PreparedRun:
     """A planned run with the commands to send and the true state at its start."""
 
     plan: MotionPlan
-    commanded: Log
-    """The reference, extended beyond its end, on the plan's terrain."""
-    start: np.ndarray
-    """True state after standing for a while, (nq + nv,)."""
+    commanded: Log  # the reference, extended beyond its end, on the plan's terrain
+    start: np.ndarray  # true state after standing for a while, (nq + nv,)
 
 
 def prepare(

@@ -36,8 +36,7 @@ class Variant:
     """A simulated robot: entries as of ``effects.from_config``; a value ``[low, high]`` is drawn evenly between."""
 
     effects: Sequence[Mapping[str, Any]] = ()
-    nameless: Sequence[Mapping[str, Any]] = field(default_factory=tuple)
-    """The same for effects that no diagnosis knows."""
+    nameless: Sequence[Mapping[str, Any]] = field(default_factory=tuple)  # the same for effects that no diagnosis knows
 
     def draw(self, seed: int) -> tuple[Effect, ...]:
         """Effects of the robot with this seed; the same seed gives the same robot."""

@@ -24,8 +24,7 @@ from leapgap.simulation.rollout import Rollout, Starts, joint_gains
 from leapgap.simulation.rollout_models import RolloutModels
 from leapgap.simulation.working_models import WorkingModel, without_warnings
 
-FINER = 0.255
-"""Largest step of the finer of two replays, as a share of the usual one, by which the effect of the step is known."""
+FINER = 0.255  # largest step of the finer of two replays that tell what a step does, as a share of the usual one
 
 
 @dataclass(frozen=True)
@@ -33,14 +32,10 @@ class Pieces:
     """Pieces of one trial, ready to be simulated."""
 
     trial: Rollout
-    states: np.ndarray
-    """(pieces, nq + nv): true first states."""
-    controls: np.ndarray
-    """(pieces, steps, actuators); pieces of fewer steps than the longest hold their last."""
-    steps: np.ndarray
-    """Steps of the simulation in each row, (pieces, rows − 1)."""
-    warmth: np.ndarray | None
-    """Warmth of the motors at the start, (pieces, joints); None where no motor heats."""
+    states: np.ndarray  # (pieces, nq + nv): true first states
+    controls: np.ndarray  # (pieces, steps, actuators); pieces of fewer steps than the longest hold their last
+    steps: np.ndarray  # steps of the simulation in each row, (pieces, rows − 1)
+    warmth: np.ndarray | None  # warmth of the motors at the start, (pieces, joints); None where no motor heats
 
     def chosen(self, which: Sequence[int]) -> "Pieces":
         """Some of the pieces, in the order of ``which``."""

@@ -22,10 +22,8 @@ class Rollout:
 
     log: Log
     effects: tuple[Effect, ...] = ()
-    first_state: np.ndarray | None = None
-    """(nq + nv,): true first state; None: by the log's first row."""
-    measured: Motion | None = None
-    """The log's measured motion, where it is known already; None: read from the log."""
+    first_state: np.ndarray | None = None  # (nq + nv,): true first state; None: by the log's first row
+    measured: Motion | None = None  # the log's measured motion, where it is known already; None: read from the log
 
     @cached_property
     def structure(self) -> tuple[Hashable, ...]:
@@ -88,12 +86,10 @@ class Starts:
     """First rows of pieces of one log, and their first states."""
 
     rows: Sequence[int]
-    states: np.ndarray
-    """(pieces, nq + nv), as reported."""
+    states: np.ndarray  # (pieces, nq + nv), as reported
     course: Callable[[Sequence[int], float], np.ndarray] | None = None
     """By how much the reported states change in so many rows from some rows on, (rows, nq + nv); None: not known."""
-    stride: int = 1
-    """Rows of the log that ``course`` knows for each of the log whose pieces these are."""
+    stride: int = 1  # rows of the log that ``course`` knows for each of the log whose pieces these are
 
     def chosen(self, which: Sequence[int]) -> "Starts":
         """The starts of some of the pieces, in the order of ``which``."""
@@ -110,8 +106,7 @@ class Starts:
         return self.states + self.course([row * self.stride for row in self.rows], rows * self.stride)
 
 
-LOAD = "load"
-"""Key of a log's metadata."""
+LOAD = "load"  # key of a log's metadata
 
 
 def put_loads(model: mujoco.MjModel, log: Log, robot: Robot) -> None:

@@ -23,14 +23,11 @@ from leapgap.robot.terrain import Box
 from leapgap.simulation.rollout import LOAD, Rollout, joint_commands, put_loads, torques_by_velocity
 from leapgap.simulation.working_models import WorkingModel, WorkingModels, without_warnings
 
-LARGEST_STEP_S = 0.0011
-"""Largest step of the simulation, s; that of the model file where it is shorter."""
-ROUNDING = 1.1
-"""A step may be longer by this factor, so that a period of whole steps is simulated in so many."""
+LARGEST_STEP_S = 0.0011  # largest step of the simulation, s; that of the model file where it is shorter
+ROUNDING = 1.1  # a step may be longer by this factor, so that a period of whole steps is simulated in so many
 UNEVEN_FINER, STEPS_OF_UNEVEN = 4, 8
 """Rows of uneven length last a whole number of steps: so many times finer ones, unless so many fit a row anyway."""
-OF_MODELS = ("change_spec", "change_drive", "change_model")
-"""Members of an effect by which it changes the model."""
+OF_MODELS = ("change_spec", "change_drive", "change_model")  # members of an effect by which it changes the model
 
 
 class RolloutModels:

@@ -26,18 +26,12 @@ class SensorNoise:
 class NoiseRows:
     """Drawn measurement errors of the quantities in ``SensorNoise``, one row a control tick."""
 
-    position: np.ndarray
-    """(rows, 3), m."""
-    angle: np.ndarray
-    """(rows, 3), rad, about the body's axes."""
-    joint_pos: np.ndarray
-    """(rows, joints), rad."""
-    joint_vel: np.ndarray
-    """(rows, joints), rad/s."""
-    linvel: np.ndarray
-    """(rows, 3), m/s."""
-    angvel: np.ndarray
-    """(rows, 3), rad/s."""
+    position: np.ndarray  # (rows, 3), m
+    angle: np.ndarray  # (rows, 3), rad, about the body's axes
+    joint_pos: np.ndarray  # (rows, joints), rad
+    joint_vel: np.ndarray  # (rows, joints), rad/s
+    linvel: np.ndarray  # (rows, 3), m/s
+    angvel: np.ndarray  # (rows, 3), rad/s
 
     @staticmethod
     def draw(noise: SensorNoise, rows: int, joints: int, rng: np.random.Generator) -> "NoiseRows":

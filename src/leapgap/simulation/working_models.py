@@ -15,8 +15,7 @@ import numpy as np
 from mujoco import MjLogConfig
 
 _lock = threading.Lock()
-_before: list[MjLogConfig] = []
-"""MuJoCo's settings as they were before each of the trials that now run, in any thread."""
+_before: list[MjLogConfig] = []  # MuJoCo's settings as they were before each of the trials that now run, in any thread
 
 
 @contextmanager
@@ -44,10 +43,8 @@ def without_warnings() -> Iterator[None]:
 
 SHAPES = ("bvh_child", "bvh_depth", "bvh_nodeid", "hfield_", "mesh_", "oct_", "skin_", "tex_")
 """Fields of shapes, which no effect may change: writing to them raises ``ValueError``."""
-CACHE_LINE = 64
-"""Bytes; MuJoCo's arrays of one model begin at whole numbers of them."""
-MOST_KEPT, MOST_KEPT_BYTES = 256, 512 * 2**20
-"""Number and size of the models that are kept: a maker's model with meshes has 50 MB and more."""
+CACHE_LINE = 64  # bytes; MuJoCo's arrays of one model begin at whole numbers of them
+MOST_KEPT, MOST_KEPT_BYTES = 256, 512 * 2**20  # of models that are kept: one with meshes has 50 MB and more
 
 
 class WorkingModel:

@@ -43,8 +43,7 @@ from leapgap.validation.off_table import family
 from leapgap.validation.outcome import CLOCK, DETECTABLE_FLOORS
 from leapgap.validation.uneven_rows import ClockFamily, UnevenRows
 
-CLOCK_SEED = 2
-"""Distinguishes the generator of the rows from others of the same case."""
+CLOCK_SEED = 2  # distinguishes the generator of the rows from others of the same case
 
 NOISE = SensorNoise(
     base_pos_m=0.0012,
@@ -62,21 +61,16 @@ class CaseSetup:
     """How the jumps of every case are generated."""
 
     jumps: int
-    proof_jumps: int
-    """Further jumps that stay with the truth; the realised closure of an answer is measured on them."""
+    proof_jumps: int  # further jumps that stay with the truth; the realised closure of an answer is measured on them
     block_height_m: tuple[float, float]
     step_s: float
-    period_scatter: float
-    """Standard deviation from log to log of an effect that differs by log, as a share of its departure from nominal."""
-    where_horizon_s: float
-    """Length of the replays that localise the effects."""
+    period_scatter: float  # from log to log, of an effect that differs by log, as a share of its departure from nominal
+    where_horizon_s: float  # length of the replays that localise the effects
     noise: SensorNoise = NOISE
     course: Course = field(default_factory=Course)
     nuisances: NuisanceSizes = field(default_factory=NuisanceSizes)
-    physics: str = USUAL.name
-    """Physics of cases whose kind asks for no other."""
-    log: str = "jump"
-    """What the logs are called, before their number."""
+    physics: str = USUAL.name  # physics of cases whose kind asks for no other
+    log: str = "jump"  # what the logs are called, before their number
 
     def physics_of_case(self, name: str) -> Physics:
         """The physics that a case is generated with, which itself asks for the physics of this name."""
@@ -88,10 +82,8 @@ class WithheldCase:
     """A generated case: the logs that are diagnosed, and what stays sealed until the score."""
 
     logs: tuple[Log, ...]
-    proof: tuple[Log, ...]
-    """Jumps that stay with the truth."""
-    truth: Mapping[str, Any]
-    """Content of the truth file, without the hashes of the log files; ``write_case`` adds them."""
+    proof: tuple[Log, ...]  # jumps that stay with the truth
+    truth: Mapping[str, Any]  # content of the truth file, without the hashes of the log files; ``write_case`` adds them
 
 
 def withhold(case: Case, references: Sequence[Log], robot: Robot, setup: CaseSetup) -> WithheldCase:

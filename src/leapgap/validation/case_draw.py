@@ -22,16 +22,11 @@ GRAVITY = 9.81
 class OwnNumbers:
     """Numbers of one robot in the pose that its motions start from."""
 
-    torque: np.ndarray
-    """Largest torque of the motor of each joint, N·m, (joints,)."""
-    inertia: np.ndarray
-    """Inertia that each motor turns where no other joint moves, its armature included, kg·m², (joints,)."""
-    mass: float
-    """Of the whole robot, kg."""
-    length: float
-    """Height of a free base above the ground, or how far the links of a held robot are from its base, m."""
-    period: float
-    """Time between two commands of its motions, s."""
+    torque: np.ndarray  # largest torque of the motor of each joint, N·m, (joints,)
+    inertia: np.ndarray  # that each motor turns where no other joint moves, with armature, kg·m², (joints,)
+    mass: float  # of the whole robot, kg
+    length: float  # height of a free base above the ground, or how far the links of a held robot are from its base, m
+    period: float  # time between two commands of its motions, s
 
     @staticmethod
     def of(robot: Robot, state: np.ndarray, period_s: float) -> "OwnNumbers":
@@ -88,8 +83,7 @@ class Half:
     pair: int
     nameless: int
     none: int
-    families: list[str]
-    """Names of the off-table effects that are used in turn."""
+    families: list[str]  # names of the off-table effects that are used in turn
     triple: int = 0
 
 
@@ -100,10 +94,8 @@ class Case:
     half: str
     kind: str
     effects: tuple[Effect, ...]
-    seed: int
-    """Seed of targets, blocks, nuisances and sensor noise, which are thus independent of the effects."""
-    clock: ClockFamily | None = None
-    """How rows come to be what they do not claim; None: they are what they claim."""
+    seed: int  # seed of targets, blocks, nuisances and sensor noise, which are thus independent of the effects
+    clock: ClockFamily | None = None  # how rows come to be what they do not claim; None: they are what they claim
     physics: Physics = USUAL
 
 
@@ -124,12 +116,9 @@ class FurtherCounts:
 class FurtherKinds:
     """What is drawn for the further kinds."""
 
-    counts: Mapping[str, FurtherCounts]
-    """Half → numbers of cases; none of a half that is not there."""
-    clocks: Sizes
-    """Clock family → size → [least, most], its logarithm drawn evenly; families are used in turn, in this order."""
-    too_high: Sizes
-    """Effect → parameter → [least, most] share of the model's own value that the robot has, drawn evenly."""
+    counts: Mapping[str, FurtherCounts]  # half → numbers of cases; none of a half that is not there
+    clocks: Sizes  # clock family → size → [least, most], its logarithm drawn evenly; families take turns in this order
+    too_high: Sizes  # effect → parameter → [least, most] share of the model's own value that the robot has, evenly
 
 
 def draw_cases(
@@ -178,7 +167,8 @@ def draw_ordinary_cases(
         sampler = EffectSampler(sizes, signed, robot, rng)
         if own is not None:
             sampler = ShareSampler(sizes, signed, robot, rng, own)
-        known = [str(n) for n in rng.permutation(sorted(set(effects.known()) & set(sizes) & sampler.existing))]
+        existing = {effect for effect, kind in effects.known().items() if usable(kind, robot)}
+        known = [str(n) for n in rng.permutation(sorted(existing & set(sizes)))]
         drawn: list[tuple[str, tuple[Effect, ...]]] = []
         drawn += [("single", (sampler.sample(known[i % len(known)]),)) for i in range(half.single)]
         drawn += [("pair", sampler.sample_several(known, 2)) for _ in range(half.pair)]
@@ -252,11 +242,6 @@ class EffectSampler:
     signed: Sequence[str]
     robot: Robot
     rng: np.random.Generator
-
-    @property
-    def existing(self) -> set[str]:
-        """Effects of the table that exist on the robot."""
-        return {name for name, kind in effects.known().items() if usable(kind, self.robot)}
 
     def unit(self, parameter: Parameter, kind: type[Effect], location: str) -> float:
         """What one of ``sizes`` is, in the unit of the parameter."""

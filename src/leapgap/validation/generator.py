@@ -40,18 +40,12 @@ class Physics:
 
     name: str
     integrator: mujoco.mjtIntegrator
-    impedance: tuple[float, float, float]
-    """First numbers of MuJoCo's ``solimp`` of the feet: impedance at the surface and below, width, m."""
-    step_s: float | None = None
-    """Time step; None: that of the setup."""
-    cone: mujoco.mjtCone | None = None
-    """Friction cone; None: that of the model."""
-    friction_impedance: float | None = None
-    """MuJoCo's ``impratio``; None: that of the model."""
-    contact_time: float = 1.0
-    """Factor on the time constant of the feet's contacts; below one they are stiffer."""
-    accepted: tuple[str, ...] = ()
-    """Effects that a diagnosis may name besides, since this physics has them."""
+    impedance: tuple[float, float, float]  # first of ``solimp`` of the feet: at the surface and below, width, m
+    step_s: float | None = None  # time step; None: that of the setup
+    cone: mujoco.mjtCone | None = None  # friction cone; None: that of the model
+    friction_impedance: float | None = None  # MuJoCo's ``impratio``; None: that of the model
+    contact_time: float = 1.0  # factor on the time constant of the feet's contacts; below one they are stiffer
+    accepted: tuple[str, ...] = ()  # effects that a diagnosis may name besides, since this physics has them
 
     def change_model(self, model: mujoco.MjModel, feet: np.ndarray) -> None:
         """Put the physics into a model; ``feet`` are the geoms of the feet."""
@@ -65,8 +59,7 @@ class Physics:
 
 
 INTEGRATOR, CONE = mujoco.mjtIntegrator, mujoco.mjtCone
-USUAL = Physics("usual", INTEGRATOR.mjINT_EULER, (0.88, 0.955, 0.0012))
-"""That of every case whose kind asks for no other."""
+USUAL = Physics("usual", INTEGRATOR.mjINT_EULER, (0.88, 0.955, 0.0012))  # of cases whose kind asks for no other
 IMPLICIT = Physics("implicit", INTEGRATOR.mjINT_IMPLICIT, USUAL.impedance)
 """That of robots whose diagnosing simulation uses Euler's method, as the usual one does."""
 OTHERS: Mapping[str, Physics] = {
@@ -109,8 +102,7 @@ class NuisanceSizes:
     friction: float = 0.05
     armature: float = 0.05
     foot_friction: float = 0.02
-    contact_time: float = 0.03
-    """Of the time constant in the ``solref`` of the feet."""
+    contact_time: float = 0.03  # of the time constant in the ``solref`` of the feet
 
 
 @dataclass(frozen=True)
@@ -222,8 +214,7 @@ class GeneratedJump:
 
     log: Log
     clean: Log
-    rows: UnevenRows | None = None
-    """How its rows are not what they claim; None: they are what they claim."""
+    rows: UnevenRows | None = None  # how its rows are not what they claim; None: they are what they claim
 
 
 def generate_jumps(

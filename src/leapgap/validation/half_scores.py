@@ -1,5 +1,6 @@
 """Truths of a benchmark opened, and the scores of each half, as metrics."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,7 +91,7 @@ def score_half(
     own = {kind: {n: e for n, e in entries.items() if e["half"] == half} for kind, entries in revisits.items()}
     return {
         **scoring.scores(outcomes, settings.bootstrap_draws, settings.bins, rng),
-        "verdicts": scoring.verdict_counts(scoring.of_pipeline(outcomes)),
+        "verdicts": dict(sorted(Counter(o.verdict for o in scoring.of_pipeline(outcomes)).items())),
         "next_experiment_resolves": scoring.share(bool(e["resolved"]) for e in own["experiments"].values()),
         "next_experiments_made": len(own["experiments"]),
         "further_jumps_find": scoring.share(bool(e["found"]) for e in own["missed"].values()),

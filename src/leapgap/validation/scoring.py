@@ -1,6 +1,5 @@
 """The scores of the benchmark: the keys of ``metrics/blind.json``, counted from the outcomes of the cases."""
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,8 +9,7 @@ import numpy as np
 from leapgap.validation.outcome import CLAIMS, CLOCK, LEAVES_A_REST, CaseOutcome
 
 Scores = dict[str, Any]
-CLEAR_FLOORS = 5.0
-"""Change of the motion, in noise floors, from which on the overlap of the maps has a bar of its own."""
+CLEAR_FLOORS = 5.0  # change of the motion, in noise floors, from which on the overlap of the maps has a bar of its own
 
 
 @dataclass(frozen=True)
@@ -20,8 +18,7 @@ class ScoreCondition:
 
     applies: Callable[[CaseOutcome], bool]
     holds: Callable[[CaseOutcome], bool]
-    desired: bool = True
-    """Whether a perfect diagnosis meets ``holds``."""
+    desired: bool = True  # whether a perfect diagnosis meets ``holds``
 
     def share(self, outcomes: Iterable[CaseOutcome]) -> float | None:
         """Share of the selected cases that meet the condition; None where no case is selected."""
@@ -127,11 +124,6 @@ def scores(outcomes: Sequence[CaseOutcome], draws: int, bins: int, rng: np.rando
         name: share(o.right for o in third if o.physics == name) for name in sorted({str(o.physics) for o in third})
     }
     return {**ordinary_scores(ordinary, draws, bins, rng), **found}
-
-
-def verdict_counts(outcomes: Sequence[CaseOutcome]) -> dict[str, int]:
-    """How many cases have each verdict, in the order of the verdicts' names; those that none has are left out."""
-    return dict(sorted(Counter(o.verdict for o in outcomes).items()))
 
 
 def of_pipeline(outcomes: Sequence[CaseOutcome]) -> list[CaseOutcome]:

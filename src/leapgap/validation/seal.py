@@ -9,10 +9,8 @@ from typing import Any
 from leapgap.errors import InputError
 from leapgap.runtime.atomic_io import read_json, sha256
 
-SEALS = "seals.json"
-"""File beside the logs: case → seal of its truth."""
-PUBLISHED = "published"
-"""Name of the case of published jumps; it may be known, since their columns differ anyway."""
+SEALS = "seals.json"  # file beside the logs: case → seal of its truth
+PUBLISHED = "published"  # name of the case of published jumps; it may be known, since their columns differ anyway
 
 
 def seal(truth: Mapping[str, Any]) -> str:

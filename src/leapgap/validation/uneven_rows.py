@@ -22,10 +22,8 @@ from leapgap.validation.off_table.base import OffTableEffect
 class Timing:
     """How the rows of a log come about from those of its plan."""
 
-    held: np.ndarray
-    """How long each planned command is held, in claimed periods, (planned rows,); 0 where the next one replaces it."""
-    written: np.ndarray
-    """Whether the log has this row, bool, (planned rows,)."""
+    held: np.ndarray  # for how many claimed periods each planned command is held, (planned rows,); 0: replaced
+    written: np.ndarray  # whether the log has this row, bool, (planned rows,)
     stale: np.ndarray
     """Whether the row shows the sample of the written row before, of the base and of each limb, bool, (planned rows,
     1 + limbs)."""
@@ -54,10 +52,8 @@ class UnevenRows(OffTableEffect):
 
     name = "uneven_rows"
 
-    lengths: np.ndarray | None = None
-    """True length of each row, in claimed periods, (rows,); None: one."""
-    shown: np.ndarray | None = None
-    """The row whose sample each row shows, of the base and of each limb, (rows, 1 + limbs); None: its own."""
+    lengths: np.ndarray | None = None  # true length of each row, in claimed periods, (rows,); None: one
+    shown: np.ndarray | None = None  # row whose sample each shows, of base and limbs; None: its own
 
     def change_rows(self, lengths: np.ndarray) -> np.ndarray:
         """True lengths of the rows."""

@@ -23,17 +23,12 @@ from leapgap.validation.seal import PUBLISHED, SEALS, seal
 class RobotClass:
     """Settings of one class: the robot, its motion, and how many cases there are."""
 
-    model: str
-    """Model file, or a name in MuJoCo Menagerie."""
-    fix_base: bool | None
-    """True: a floating robot is held at the pose of its model file; null: as the file has it."""
-    motion: dict[str, Any]
-    """Kind of a motion and its numbers."""
-    world: dict[str, Any]
-    """How its logs are generated, where that departs from the setup of the jumps."""
+    model: str  # model file, or a name in MuJoCo Menagerie
+    fix_base: bool | None  # true: a floating robot is held at the pose of its model file; null: as the file has it
+    motion: dict[str, Any]  # kind of a motion and its numbers
+    world: dict[str, Any]  # how its logs are generated, where that departs from the setup of the jumps
     halves: dict[str, Any]
-    without: list[str]
-    """Effects that are not drawn although they exist on the robot, since they change nothing of its motion."""
+    without: list[str]  # effects that are not drawn, since they change nothing of the robot's motion
 
 
 @dataclass(frozen=True)
@@ -70,15 +65,13 @@ def draw_class(
 class DrawnCases:
     """All cases to withhold, with what their logs are generated from."""
 
-    robot: Robot
-    """The pipeline's own, which ``cases`` are of."""
+    robot: Robot  # the pipeline's own, which ``cases`` are of
     setup: CaseSetup
     references: Sequence[Log]
     cases: Sequence[Case]
     classes: Mapping[str, ClassCases]
     owners: Sequence[OwnersCase]
-    owners_models: Path
-    """Folder of the model files of owners' robots."""
+    owners_models: Path  # folder of the model files of owners' robots
     published: Sequence[Log]
 
     def write(self, logs: Path, truths: Path, executor: Executor) -> None:

@@ -3,7 +3,6 @@
 Without numba the same functions run as plain Python, so these tests need no compiler; a controller does.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.inference import CompiledSum, ExportedModel, Perceptron, Phase, first_step, kernel
 from leapgap.jumping.control.leg_kinematics import CompiledLegs, LegKinematics, StartFrame
 from leapgap.jumping.control.mpc import ForcePlanner, JumpMpc, MpcConfig
-from leapgap.jumping.control.qp import FAILED, NOT_FINITE, OUT_OF_TIME, SolutionRequirements
+from leapgap.jumping.control.qp import FAILED, NOT_FINITE
 from leapgap.jumping.control.tracking import PhaseGains, Reference
 from leapgap.jumping.learning.windows import Purpose, TimeGrid
 from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
@@ -302,19 +301,6 @@ def test_feet_that_are_no_numbers_count_for_a_model_without_feet_too() -> None:
     for kind in (ForcePlanner, CompiledPlanner):
         planner = kind(REFERENCE, Footless(), MpcConfig())
         assert planner.plan(0.2, REFERENCE.state[row], REFERENCE.foot[row] * np.nan).fallback == NOT_FINITE
-
-
-def ticking(*times: float) -> Callable[[], float]:
-    """A clock that shows these times, then the last for ever."""
-    shown = list(times)
-    return lambda: shown.pop(0) if len(shown) > 1 else shown[0]
-
-
-@pytest.mark.parametrize("times", [(0.0, 0.0005, 0.002), (0.0, 0.002)])
-def test_a_deadline_is_kept(times: tuple[float, ...]) -> None:
-    config, row = MpcConfig(demands=SolutionRequirements(deadline_s=0.001)), REFERENCE.row(0.2)
-    planner = CompiledPlanner(REFERENCE, MODEL, config, ticking(*times))
-    assert planner.plan(0.2, REFERENCE.state[row], REFERENCE.foot[row]).fallback == OUT_OF_TIME
 
 
 def test_too_few_iterations_are_no_solution() -> None:

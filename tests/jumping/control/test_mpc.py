@@ -10,12 +10,10 @@ from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig
 from leapgap.jumping.control.qp import (
     INFEASIBLE,
     NOT_FINITE,
-    OUT_OF_TIME,
     Qp,
     QpConfig,
     QpSolution,
     QpSolver,
-    SolutionRequirements,
     solver,
 )
 from leapgap.jumping.learning.windows import TimeGrid
@@ -124,11 +122,11 @@ def test_nothing_is_planned_in_flight() -> None:
 class Contradicting(QpSolver):
     """Adds two rows that no force satisfies, so that the solver finds the problem infeasible."""
 
-    def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
+    def solve(self, qp: Qp) -> QpSolution:
         rows = np.zeros((2, len(qp.gradient)))
         rows[0, 0], rows[1, 0] = 1.0, -1.0
         both = replace(qp, rows=np.vstack([qp.rows, rows]), row_upper=np.append(qp.row_upper, [-1.0, -1.0]))
-        return solver(QpConfig()).solve(both, time_limit_s)
+        return solver(QpConfig()).solve(both)
 
 
 class Distorted(PredictionModel):
@@ -142,26 +140,8 @@ class Distorted(PredictionModel):
         return AffineModel(said.bias, said.by_force * self.factor) if len(contact) == 1 else said
 
 
-def ticking(*times: float) -> Callable[[], float]:
-    """A clock that shows these times, then the last for ever."""
-    shown = list(times)
-    return lambda: shown.pop(0) if len(shown) > 1 else shown[0]
-
-
 def infeasible() -> ForcePlanner:
     return ForcePlanner(REFERENCE, MODEL, MpcConfig(), qp_solver=Contradicting())
-
-
-def slow() -> ForcePlanner:
-    return ForcePlanner(
-        REFERENCE, MODEL, MpcConfig(demands=SolutionRequirements(deadline_s=0.001)), ticking(0.0, 0.0005, 0.002)
-    )
-
-
-def too_slow_to_begin() -> ForcePlanner:
-    return ForcePlanner(
-        REFERENCE, MODEL, MpcConfig(demands=SolutionRequirements(deadline_s=0.001)), ticking(0.0, 0.002)
-    )
 
 
 def model_says_nan() -> ForcePlanner:
@@ -176,8 +156,6 @@ def badly_conditioned() -> ForcePlanner:
     ("make", "reasons"),
     [
         (infeasible, {INFEASIBLE}),
-        (slow, {OUT_OF_TIME}),
-        (too_slow_to_begin, {OUT_OF_TIME}),
         (model_says_nan, {NOT_FINITE}),
         (badly_conditioned, {"inaccurate", "failed", INFEASIBLE}),
     ],

@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 from leapgap.errors import InputError
 from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig
-from leapgap.jumping.control.qp import FAILED, INFEASIBLE, OUT_OF_TIME, SOLVED, Qp, QpConfig, QpSolution, solver
+from leapgap.jumping.control.qp import FAILED, INFEASIBLE, SOLVED, Qp, QpConfig, QpSolution, solver
 from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.rigid_body import RigidBodyModel
@@ -103,7 +103,7 @@ def test_residuals_of_a_problem_done_by_hand() -> None:
     assert replace(right, dual=one).dual_residual == pytest.approx(1.0)
     assert replace(right, x=-0.5 * one).primal_residual == pytest.approx(0.5)
     assert replace(right, x=np.nan * one).fault(0.1, 1e-4) == "not finite"
-    assert replace(right, status=OUT_OF_TIME).fault(0.1, 1e-4) == OUT_OF_TIME
+    assert replace(right, status=FAILED).fault(0.1, 1e-4) == FAILED
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

@@ -1,10 +1,8 @@
-"""The exported controller in C and NumPy against the one in Python, over a jump in closed loop and over bad ticks."""
+"""The exported controller in C against the one in Python, over a jump in closed loop and over bad ticks."""
 
-import importlib.util
 import json
 import re
 import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +18,7 @@ from leapgap.jumping.experiments.goal_shift_jump import LandingFeedback
 from leapgap.jumping.export.tables import tables_of
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
-from tests.jumping.export.conftest import GOAL, MEASURED, PARTS, RecordedJump, far_from_plan, new_tracker, run_program
+from tests.jumping.export.conftest import GOAL, PARTS, RecordedJump, far_from_plan, new_tracker, run_program
 
 CLOSE = 1e-6
 """Largest difference of a command: N·m, rad, rad/s, N."""
@@ -29,21 +27,6 @@ CLOSE = 1e-6
 def python_commands(tracker: ShiftTracker, estimates: Sequence[StateEstimate]) -> np.ndarray:
     commands = [tracker.command(estimate) for estimate in estimates]
     return np.array([np.concatenate([getattr(command, part) for part in PARTS]) for command in commands])
-
-
-def numpy_commands(folder: Path, estimates: Sequence[StateEstimate]) -> np.ndarray:
-    """By the file of the export, which is loaded as a user would."""
-    spec = importlib.util.spec_from_file_location("exported_controller", folder / "controller.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    controller = module.Controller(folder)
-    rows = []
-    for estimate in estimates:
-        command = controller.tick(estimate.time_s, *(getattr(estimate, part) for part in MEASURED))
-        rows.append(np.concatenate([getattr(command, part) for part in PARTS]))
-    return np.array(rows)
 
 
 def test_the_jump_is_one_that_tests_something(jump: RecordedJump) -> None:
@@ -56,10 +39,6 @@ def test_the_jump_is_one_that_tests_something(jump: RecordedJump) -> None:
 
 def test_c_sends_the_commands_of_python(jump: RecordedJump, program: Path) -> None:
     np.testing.assert_allclose(run_program(program, jump.estimates), jump.commands, rtol=0, atol=CLOSE)
-
-
-def test_numpy_sends_the_commands_of_python(jump: RecordedJump, folder: Path) -> None:
-    np.testing.assert_allclose(numpy_commands(folder, jump.estimates), jump.commands, rtol=0, atol=CLOSE)
 
 
 def hostile(estimates: Sequence[StateEstimate]) -> list[StateEstimate]:
@@ -80,17 +59,14 @@ def hostile(estimates: Sequence[StateEstimate]) -> list[StateEstimate]:
     return ticks[:551] + ticks[560:]
 
 
-def test_bad_ticks_get_the_commands_of_python(jump: RecordedJump, robot: Robot, folder: Path, program: Path) -> None:
+def test_bad_ticks_get_the_commands_of_python(jump: RecordedJump, robot: Robot, program: Path) -> None:
     ticks, tracker = hostile(jump.estimates), new_tracker(robot)
     expected = python_commands(tracker, ticks)
     assert {"time not usable", "not finite"} <= set(tracker.fallbacks)
     np.testing.assert_allclose(run_program(program, ticks), expected, rtol=0, atol=CLOSE)
-    np.testing.assert_allclose(numpy_commands(folder, ticks), expected, rtol=0, atol=CLOSE)
 
 
-def test_large_disturbances_get_the_commands_of_python(
-    jump: RecordedJump, robot: Robot, folder: Path, program: Path
-) -> None:
+def test_large_disturbances_get_the_commands_of_python(jump: RecordedJump, robot: Robot, program: Path) -> None:
     """Measurements far from the plan bring pitch, height, efforts and the largest shift to their limits."""
     rng = np.random.default_rng(5)
     held_back = 0
@@ -101,7 +77,6 @@ def test_large_disturbances_get_the_commands_of_python(
         assert np.abs(tracker.shifts).max() > 0.03, seed
         held_back += int((np.abs(np.diff(tracker.shifts, axis=0) / [0.025, 0.02, 0.04]).max(axis=1) > 1 - 1e-6).sum())
         np.testing.assert_allclose(run_program(program, ticks), expected, rtol=0, atol=CLOSE)
-        np.testing.assert_allclose(numpy_commands(folder, ticks), expected, rtol=0, atol=CLOSE)
     assert held_back > 10  # updates whose rate is at its limit
 
 
@@ -131,7 +106,7 @@ def test_the_folder_says_what_it_holds(folder: Path) -> None:
     about = json.loads((folder / "controller.json").read_text())
     names = {path.name for path in folder.iterdir()}
     assert names == {
-        *("controller.json", "controller.py", "tables.npz", "landing_model.onnx"),
+        *("controller.json", "tables.npz", "landing_model.onnx"),
         *("jump_controller.h", "jump_controller.c", "jump_program.h", "jump_program.c", "main.c"),
         *("jump_body.h", "jump_body.c"),
         *("sizes.h", "tables.h", "tables.c"),

@@ -11,7 +11,7 @@ import pytest
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
 from tests.jumping.export.conftest import GOAL, STANCE, RecordedJump, new_tracker, run_program
-from tests.jumping.export.test_export import CLOSE, numpy_commands, python_commands
+from tests.jumping.export.test_export import CLOSE, python_commands
 
 RISE_RAD = np.arctan2(0.05 - 0.02, 0.366)
 """Of the ground from the rear to the front feet, which are 0.366 m apart in the crouch of the A1."""
@@ -26,11 +26,9 @@ def test_the_jump_is_one_that_tests_something(late_jump: RecordedJump) -> None:
     assert not tracker.fallbacks
 
 
-def test_c_and_numpy_send_the_commands_of_python(
-    late_jump: RecordedJump, late_program: Path, late_folder: Path
-) -> None:
-    for commands in (run_program(late_program, late_jump.estimates), numpy_commands(late_folder, late_jump.estimates)):
-        np.testing.assert_allclose(commands, late_jump.commands, rtol=0, atol=CLOSE)
+def test_c_sends_the_commands_of_python(late_jump: RecordedJump, late_program: Path) -> None:
+    commands = run_program(late_program, late_jump.estimates)
+    np.testing.assert_allclose(commands, late_jump.commands, rtol=0, atol=CLOSE)
 
 
 def leaning(estimates: Sequence[StateEstimate], pitch: float) -> list[StateEstimate]:
@@ -41,18 +39,17 @@ def leaning(estimates: Sequence[StateEstimate], pitch: float) -> list[StateEstim
 
 @pytest.mark.parametrize("pitch", [-0.25, -0.18, -0.1, 0.03, 0.15, 0.4])
 def test_any_stance_gets_the_commands_of_python(
-    late_jump: RecordedJump, robot: Robot, late_program: Path, late_folder: Path, pitch: float
+    late_jump: RecordedJump, robot: Robot, late_program: Path, pitch: float
 ) -> None:
     """Stances between those that were planned for, and two that are not believed."""
     ticks, tracker = leaning(late_jump.estimates[:820], pitch), new_tracker(robot, late=True)
     expected = python_commands(tracker, ticks)
     assert (tracker.stance_pitch == STANCE) == (pitch in (-0.25, 0.4))
     np.testing.assert_allclose(run_program(late_program, ticks), expected, rtol=0, atol=CLOSE)
-    np.testing.assert_allclose(numpy_commands(late_folder, ticks), expected, rtol=0, atol=CLOSE)
 
 
 def test_a_stance_that_was_not_measured_is_the_expected_one(
-    late_jump: RecordedJump, robot: Robot, late_program: Path, late_folder: Path
+    late_jump: RecordedJump, robot: Robot, late_program: Path
 ) -> None:
     """No joints were measured in the first 50 ms, or only some; and some ticks of a jump did not come."""
     nan = np.full(12, np.nan)
@@ -63,7 +60,6 @@ def test_a_stance_that_was_not_measured_is_the_expected_one(
         expected = python_commands(tracker, ticks)
         assert (tracker.stance_pitch != STANCE) == known
         np.testing.assert_allclose(run_program(late_program, ticks), expected, rtol=0, atol=CLOSE)
-        np.testing.assert_allclose(numpy_commands(late_folder, ticks), expected, rtol=0, atol=CLOSE)
 
 
 def test_the_folder_says_that_it_measures_the_stance(late_folder: Path) -> None:

@@ -6,7 +6,7 @@ time is usable again.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -38,20 +38,15 @@ class JointGains:
             raise ValueError("gains finite and not below 0")
 
 
-@dataclass(frozen=True)
-class SafeCommand:
-    """What is sent while a controller has no usable time."""
-
-    hold_ticks: int = 20  # Ticks for which the last command is repeated
-    damping: JointGains = field(default_factory=lambda: JointGains(0.0, 3.0))
-    """Joint gains after that; velocities are brought to zero."""
+HOLD_TICKS = 20  # Ticks without a usable time for which the last command is repeated
+DAMPING = JointGains(0.0, 3.0)  # Joint gains after that; velocities are brought to zero
 
 
 class Border:
     """Judges the estimates of one controller, tick by tick."""
 
-    def __init__(self, robot: Robot, safe: SafeCommand | None = None) -> None:
-        self.robot, self.safe = robot, safe or SafeCommand()
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
         self.limit_nm = robot.torque_limits
         self.limited_ticks = 0
         """Ticks whose torques ``within_limits`` shrank; what is sent then is still the controller's own command."""
@@ -95,11 +90,11 @@ class Border:
 
     def safe_command(self) -> Command:
         """Command of a tick without a usable time: the last one, later damping of all joints."""
-        if self._last is not None and self._since_used <= self.safe.hold_ticks:
+        if self._last is not None and self._since_used <= HOLD_TICKS:
             return self._last
-        zero, gains = np.zeros(len(self.robot.joints)), self.safe.damping
+        zero = np.zeros(len(self.robot.joints))
         pose = zero if self._last is None else self._last.position
-        return Command(zero, pose, zero, zero + gains.kp_nm_per_rad, zero + gains.kd_nms_per_rad, np.zeros(4))
+        return Command(zero, pose, zero, zero + DAMPING.kp_nm_per_rad, zero + DAMPING.kd_nms_per_rad, np.zeros(4))
 
     def within_limits(self, torque: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Feed-forward torques (joints,) and pair forces (4,), shrunk and counted where the motors cannot deliver them.

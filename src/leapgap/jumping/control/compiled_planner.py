@@ -1,7 +1,5 @@
 """The force planner with compiled updates: the same plans, from tables of every update (``dual_qp``)."""
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +9,6 @@ from leapgap.jumping.control.condensed_qp import STATES, PreparedQp
 from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig, Solved, microseconds
 from leapgap.jumping.control.qp import FAILED as REASON_FAILED
 from leapgap.jumping.control.qp import NOT_FINITE as REASON_NOT_FINITE
-from leapgap.jumping.control.qp import OUT_OF_TIME
 from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.models.affine_model import PredictionModel
 from leapgap.jumping.models.rigid_body import DeviationModel
@@ -42,8 +39,7 @@ class DualTables:
     first: np.ndarray  # Which of the four forces are variables in the first step, int, (m₀,)
     push_s: np.ndarray  # Time for which each of them pushes in it, s, (m₀,)
     first_force: np.ndarray  # Their reference, N, (m₀,)
-    numbers: np.ndarray
-    """Length of the first step, s; curvature; weight of a force; tolerances of fault, N and relative, (5,)."""
+    numbers: np.ndarray  # Length of the first step, s; curvature; weight of a force; tolerances of fault: N, relative
 
     @property
     def arguments(self) -> tuple[np.ndarray, ...]:
@@ -323,29 +319,17 @@ class CompiledPlanner(ForcePlanner):
 
     compiled = True
 
-    def __init__(
-        self,
-        reference: Reference,
-        model: PredictionModel | DeviationModel,
-        config: MpcConfig,
-        clock: Callable[[], float] = time.perf_counter,
-    ) -> None:
+    def __init__(self, reference: Reference, model: PredictionModel | DeviationModel, config: MpcConfig) -> None:
         require_compiler("mpc.compiled")
-        super().__init__(reference, model, config, clock)
+        super().__init__(reference, model, config)
         self._tables = {key: update_tables(self, key / 1e6, ready).arguments for key, ready in self.prepared.items()}
 
     def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Solved:
         """See ``ForcePlanner``."""
-        deadline_s = self.config.demands.deadline_s
-        began = 0.0 if deadline_s is None else self.clock()
         tables = self._tables.get(microseconds(time_s)) or update_tables(self, time_s, prepared).arguments
         state, foot = np.array(self.formulation.start(time_s, state), float), np.array(foot, float)  # as compiled for
         model = self.first_step(state, foot, time_s)
-        if deadline_s is not None and self.clock() - began >= deadline_s:
-            return Solved(None, None, OUT_OF_TIME)
         status, x, _, _ = solve_update(state, foot, model, self.config.qp.max_iterations, tables)
-        if deadline_s is not None and self.clock() - began > deadline_s:
-            return Solved(None, None, OUT_OF_TIME)
         return Solved(x, None, FAULTS[status])
 
 

@@ -106,8 +106,7 @@ class PreparedQp:
     horizon: Horizon
     quadratic: np.ndarray  # P, (6 + m, 6 + m)
     linear: np.ndarray  # p, (6 + m,)
-    pushing: np.ndarray
-    """Which forces (front x z, rear x z) are variables at each step, bool, (n, 4); the others are zero."""
+    pushing: np.ndarray  # Which forces (front x z, rear x z) are variables at each step, bool, (n, 4); others are zero
     first: np.ndarray  # Indices of the forces that are variables in the first step, (m₀,)
     first_push_s: np.ndarray  # Time for which each of them pushes in the first step, s, (m₀,)
     curvature: float  # c
@@ -116,8 +115,7 @@ class PreparedQp:
     lower: np.ndarray
     upper: np.ndarray
     rows: np.ndarray
-    row_upper: np.ndarray
-    """Bounds and friction cone of all variables, as in ``Qp``; ``lower`` and ``upper`` bound the variables."""
+    row_upper: np.ndarray  # Bounds and cone of all variables, as in ``Qp``; ``lower`` and ``upper`` bound variables
 
     def qp(self, state: np.ndarray, first: AffineModel) -> Qp:
         """The QP from a state (6,); ``first`` is the model at the first step, an ``AffineModel`` of one moment."""

@@ -1,7 +1,5 @@
 """Carries out a plan while its goal is shifted: the controller of a jump with goal-shift MPC."""
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,8 +19,7 @@ from leapgap.simulation.controller import StateEstimate
 class LateStance:
     """How long a stance is measured, and where the jump goes from it."""
 
-    pitches: np.ndarray
-    """Pitches of the ground under the feet, rising, (p,), rad, nose-down. One beyond them is not believed."""
+    pitches: np.ndarray  # Pitches of the ground under the feet, rising, (p,), rad, nose-down; others are not believed
     goals: np.ndarray  # Goal of a jump from each of them, (p, 3), m, m, rad; linear in between
     until_s: float = 0.049
     """Estimates before this time since the start are used. It is a tick before an update, so that choosing the goal and
@@ -114,7 +111,6 @@ class ShiftTracker(JumpController):
         target: np.ndarray,
         model: LandingPredictor | None,
         exploration: np.ndarray | None = None,
-        clock: Callable[[], float] = time.perf_counter,
         late: LateStance | None = None,
     ) -> None:
         """``goal`` (3,) of the plan, ``target`` (3,) of the landing. Without a model nothing but ``exploration``
@@ -123,7 +119,7 @@ class ShiftTracker(JumpController):
         super().__init__(plan.reference, robot, gains)
         self.plan, self.config, self.goal, self.stance_pitch = plan, config, goal, stance_pitch
         self.grid = ShiftGrid(plan.reference.schedule, config.period_s, config.steps, config.on_rear_feet)
-        self.model, self.clock = model, clock
+        self.model = model
         self.planner = None if model is None else GoalShiftPlanner(plan, model, target, config)
         if self.planner is not None:
             self.planner.prepare()
@@ -202,11 +198,6 @@ class ShiftTracker(JumpController):
         """How far trunk and feet were from the shifted plan at each update, (updates, 10)."""
         return self.recorder.deviations
 
-    @property
-    def kept_rows(self) -> int:
-        """Number of ticks that a deviation is averaged over."""
-        return self.recorder.kept_rows
-
     def _update(self, update: int, before: np.ndarray) -> None:
         """Choose the shift from this update on: the one before, until something sudden has happened."""
         deviation = self.recorder.keep(update)
@@ -218,9 +209,7 @@ class ShiftTracker(JumpController):
         if not np.isfinite(deviation).all():
             self.count_fallback(NOT_FINITE)
         elif since is not None and update < self.grid.free_updates:
-            result = guarded_solve(
-                lambda: self._problem(update, before, since), self.solver, SolutionRequirements(), self.clock
-            )
+            result = guarded_solve(self._problem(update, before, since), self.solver, SolutionRequirements())
             if result.fault is None and result.solution is not None:
                 self.shifts[update:] += result.solution.x[:GOAL_AXES]
             else:

@@ -23,12 +23,7 @@ import numpy as np
 
 from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.qp import Qp
-from leapgap.jumping.control.shifted_plan import (
-    DEVIATIONS,
-    GOAL_AXES,
-    ShiftedPlan,
-    ShiftGrid,
-)
+from leapgap.jumping.control.shifted_plan import DEVIATIONS, GOAL_AXES, ShiftedPlan, ShiftGrid
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z
 from leapgap.robot.topology import PAIRS
 
@@ -77,8 +72,7 @@ class ChangeWatch:
         self.calm, self.rule = calm, rule
         self.age = 0
         self._recent: deque[float] = deque(maxlen=RECENT)
-        self._calm: np.ndarray | None = None
-        """The deviation (10,) at the last update; since a change, what it would be without that."""
+        self._calm: np.ndarray | None = None  # The deviation (10,) at the last update; since a change, without that
         self._since = np.zeros(DEVIATIONS)  # What a change had added to it then
         self._update = -1
 
@@ -163,8 +157,7 @@ class GoalShiftConfig:
     timing_doubt_s: float = 0.005  # Standard deviation of the time at which a shift has its effect
     largest: tuple[float, float, float] = (0.15, 0.1, 0.2)  # Largest shift
     largest_change: tuple[float, float, float] = (0.025, 0.02, 0.04)  # Largest change of the shift at one update
-    largest_pitch_rad: float = 0.15
-    """Largest predicted pitch at the landing; at 15° (0.26 rad) a landing counts as a fall."""
+    largest_pitch_rad: float = 0.15  # Largest predicted pitch at the landing; at 15° (0.26 rad) a landing is a fall
     below_target_m: float = 0.06
     """Largest predicted distance of the landing below the target's height. Without any room, the height was bought with
     centimetres of x after a kick: on flat ground a low landing is an early one."""

@@ -77,8 +77,7 @@ class Phase:
 
     constant: np.ndarray  # (15,)
     feet: np.ndarray  # (4, 15), of foot − base, front x z, rear x z: the moments of the nominal body
-    parts: tuple[Callable[[np.ndarray], np.ndarray], ...]
-    """Functions from known inputs (n, 17) to outputs (n, 15), which are added up."""
+    parts: tuple[Callable[[np.ndarray], np.ndarray], ...]  # Functions from known inputs (n, 17) to summands (n, 15)
 
     def __call__(self, known: np.ndarray) -> np.ndarray:
         """Outputs (n, 15) of the known inputs (n, 17)."""
@@ -178,8 +177,7 @@ class Uncompiled:
         return np.concatenate([said.bias[0], said.by_force[0].ravel()])
 
 
-WIDE = 1 << 16
-"""A layer of at least so many weights is read from 16-bit integers: reading is what such a layer's time is spent on."""
+WIDE = 1 << 16  # A layer of so many weights is read from 16-bit integers: reading is what its time is spent on
 FULL_SCALE = 32767.0
 
 
@@ -189,10 +187,8 @@ class CompiledSum:
 
     constant: np.ndarray
     feet: np.ndarray
-    sizes: np.ndarray
-    """Inputs and outputs of each layer, whether it is its perceptron's last, whether it is wide, int, (layers, 4)."""
-    numbers: np.ndarray
-    """Weights (in, out) and bias of each layer, float32; a wide one has scales of its outputs in place of weights."""
+    sizes: np.ndarray  # Inputs and outputs of each layer, whether its perceptron's last, whether wide, int, (layers, 4)
+    numbers: np.ndarray  # Weights (in, out) and bias of each layer, float32; of a wide one scales of its outputs
     wide: np.ndarray  # Weights of wide layers, (in, out), in units of the scale of their output, int16
 
     @staticmethod

@@ -1,8 +1,7 @@
 """Several jumps in a row: jump, land, settle, next jump, each from its own take-off pose."""
 
-import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -52,15 +51,8 @@ class LandingMpc(Controller):
     ``pose`` (joints,) rad is what the soft joint PD pulls towards. An update that fails sends the robot's weight.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        pose: np.ndarray,
-        config: LandingConfig,
-        body: RigidBody,
-        clock: Callable[[], float] = time.perf_counter,
-    ) -> None:
-        self.robot, self.pose, self.config, self.clock = robot, pose, config, clock
+    def __init__(self, robot: Robot, pose: np.ndarray, config: LandingConfig, body: RigidBody) -> None:
+        self.robot, self.pose, self.config = robot, pose, config
         self.model = RigidBodyModel(body)
         self.legs = LegKinematics(robot)
         self.border = Border(robot)
@@ -84,7 +76,7 @@ class LandingMpc(Controller):
 
     def _plan(self, estimate: StateEstimate) -> np.ndarray:
         """First force towards rest, (4,), N; the weight of the robot where there is no solution."""
-        result = guarded_solve(lambda: self._problem(estimate), self.solver, self.config.demands, self.clock)
+        result = guarded_solve(self._problem(estimate), self.solver, self.config.demands)
         if result.fault is None and result.solution is not None:
             return result.solution.x[: len(self.force)]
         self.fallbacks[result.fault or NOT_FINITE] += 1
@@ -150,13 +142,10 @@ class SequenceConfig:
     """Times at which a phase ends and the next one begins."""
 
     landing: LandingConfig = field(default_factory=LandingConfig)
-    earliest_touch_s: float = 0.05
-    """Time after the planned take-off; feet that touch earlier have not left the ground yet."""
-    latest_touch_s: float = 0.3
-    """Time after the planned landing; where not both pairs are on the ground by then, the legs settle at once."""
+    earliest_touch_s: float = 0.05  # Time after the planned take-off; feet that touch earlier have not left the ground
+    latest_touch_s: float = 0.3  # Time after the planned landing by which both pairs must be down; else the legs settle
     confirm_s: float = 0.003  # Both pairs must touch for this long before the landing begins
-    settle_s: float = 0.6
-    """Time from the end of the landing to the next jump, in which the legs move to its first pose and stand."""
+    settle_s: float = 0.6  # Time from the end of the landing to the next jump, in which the legs move to its first pose
     settle_gains: JointGains = field(default_factory=lambda: JointGains(100.0, 3.0))
 
     def __post_init__(self) -> None:

@@ -1,10 +1,8 @@
 """MPC of the ground forces: from the present state to the forces of the horizon, or to a fallback with its reason."""
 
 import math
-import time
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -70,8 +68,7 @@ class MpcConfig:
     compiled: bool = False
     """Whether updates are compiled (extra ``compiled``): the same forces to rounding, several times as fast. Of ``qp``
     only ``max_iterations`` counts then."""
-    plan_valid_s: float = 0.1
-    """An update without a solution uses the last plan if it is no older than this, else the reference."""
+    plan_valid_s: float = 0.1  # An update without a solution uses the last plan if that is no older, else the reference
 
     def __post_init__(self) -> None:
         positive = (self.period_s, self.force_weight)
@@ -246,10 +243,9 @@ class ForcePlanner:
         reference: Reference,
         model: PredictionModel | DeviationModel,
         config: MpcConfig,
-        clock: Callable[[], float] = time.perf_counter,
         qp_solver: QpSolver | None = None,
     ) -> None:
-        self.reference, self.config, self.clock = reference, config, clock
+        self.reference, self.config = reference, config
         along = isinstance(model, DeviationModel)
         self.formulation = (AlongPlan if along else AsMeasured)(reference, model, config)  # type: ignore[arg-type]
         self.first_step = self.formulation.first_step(self.compiled)
@@ -274,9 +270,7 @@ class ForcePlanner:
 
     def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Solved:
         """Solve the update of this time from a measured state and feet."""
-        result = guarded_solve(
-            lambda: self._problem(time_s, prepared, state, foot), self.solver, self.config.demands, self.clock
-        )
+        result = guarded_solve(self._problem(time_s, prepared, state, foot), self.solver, self.config.demands)
         return Solved(None if result.solution is None else result.solution.x, result.solution, result.fault)
 
     def _problem(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Qp | None:
@@ -322,7 +316,6 @@ class JumpMpc(JumpController):
         model: PredictionModel | DeviationModel,
         config: MpcConfig,
         level_m: float | None = 0.0,
-        clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         super().__init__(reference, robot, gains, level_m)
         self.config = config
@@ -330,10 +323,10 @@ class JumpMpc(JumpController):
             from leapgap.jumping.control.compiled_planner import CompiledPlanner
             from leapgap.jumping.control.leg_kinematics import CompiledLegs
 
-            self.planner: ForcePlanner = CompiledPlanner(reference, model, config, clock)
+            self.planner: ForcePlanner = CompiledPlanner(reference, model, config)
             self.legs = CompiledLegs(robot)
         else:
-            self.planner = ForcePlanner(reference, model, config, clock)
+            self.planner = ForcePlanner(reference, model, config)
         self.fallbacks = self.planner.fallbacks
         self.plan_now: ForcePlan | None = None
         self._updates = 0

@@ -7,7 +7,6 @@ solution.x, solution.primal_residual, solution.dual_residual
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -17,7 +16,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 
-SOLVED, INFEASIBLE, OUT_OF_TIME, FAILED = "solved", "infeasible", "out of time", "failed"
+SOLVED, INFEASIBLE, FAILED = "solved", "infeasible", "failed"
 
 
 @dataclass(frozen=True)
@@ -55,8 +54,7 @@ class QpSolution:
 
     problem: Qp
     x: np.ndarray  # Solution, (n,); not finite where none was found
-    dual: np.ndarray
-    """Multipliers of the n bounds, then of the m rows: positive at an upper bound, negative at a lower one."""
+    dual: np.ndarray  # Multipliers of the n bounds, then of the m rows: positive at an upper bound, negative at a lower
     status: str
     seconds: float  # Wall time inside the solver and its call
 
@@ -100,7 +98,7 @@ class QpSolver(ABC):
     """Solves quadratic programs. Every solve starts cold, so that equal problems give equal solutions."""
 
     @abstractmethod
-    def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
+    def solve(self, qp: Qp) -> QpSolution:
         """Solve a problem; one that cannot be solved gives a solution with another status, and no exception."""
 
 
@@ -109,9 +107,9 @@ class Daqp(QpSolver):
     """Dual active-set method (Arnström, Bemporad, Axehill 2022): exact, and fast where few constraints are active."""
 
     config: QpConfig
-    STATUS: ClassVar = {1: SOLVED, 2: FAILED, -1: INFEASIBLE, -7: OUT_OF_TIME}
+    STATUS: ClassVar = {1: SOLVED, 2: FAILED, -1: INFEASIBLE}
 
-    def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
+    def solve(self, qp: Qp) -> QpSolution:
         """Solve a problem with this method; see ``QpSolver``."""
         start = time.perf_counter()
         defect = qp.defect()
@@ -127,7 +125,6 @@ class Daqp(QpSolver):
             lower,
             primal_tol=self.config.primal_tolerance,
             iter_limit=self.config.max_iterations,
-            time_limit=time_limit_s or 0,
         )
         seconds = time.perf_counter() - start
         return QpSolution(qp, np.asarray(x), np.asarray(info["lam"]), self.STATUS.get(flag, FAILED), seconds)
@@ -142,9 +139,9 @@ class Osqp(QpSolver):
     """
 
     config: QpConfig
-    STATUS: ClassVar = {1: SOLVED, 3: INFEASIBLE, 4: INFEASIBLE, 8: OUT_OF_TIME}
+    STATUS: ClassVar = {1: SOLVED, 3: INFEASIBLE, 4: INFEASIBLE}
 
-    def solve(self, qp: Qp, time_limit_s: float | None = None) -> QpSolution:
+    def solve(self, qp: Qp) -> QpSolution:
         """Solve a problem with this method; see ``QpSolver``."""
         import osqp  # before the clock starts; few choose this solver, and the import takes 0.3 s
 
@@ -159,11 +156,11 @@ class Osqp(QpSolver):
         if not all(np.isfinite(part).all() for part in (to_x, to_x.T @ qp.gradient, qp.rows @ to_x)):
             return failed_solution(qp, FAILED, start)  # so badly scaled that its coordinates overflow
         try:
-            return self._split(qp, to_x, time_limit_s, start)
+            return self._split(qp, to_x, start)
         except (osqp.OSQPException, ValueError):  # what its own checks refuse
             return failed_solution(qp, FAILED, start)
 
-    def _split(self, qp: Qp, to_x: np.ndarray, time_limit_s: float | None, start: float) -> QpSolution:
+    def _split(self, qp: Qp, to_x: np.ndarray, start: float) -> QpSolution:
         """Solve in the coordinates y, x = to_x · y."""
         import osqp
         from scipy import sparse
@@ -183,7 +180,6 @@ class Osqp(QpSolver):
             max_iter=self.config.max_iterations,
             check_termination=5,
             adaptive_rho_interval=25,  # the default follows the clock, and with it the answer's last digits
-            time_limit=time_limit_s or 1e10,
         )
         found = splitting.solve(raise_error=False)
         status = self.STATUS.get(found.info.status_val, FAILED)
@@ -219,15 +215,11 @@ NOT_FINITE = "not finite"
 class SolutionRequirements:
     """Requirements that a solution must meet before it is sent to a robot."""
 
-    deadline_s: float | None = None
-    """Time to build and solve a problem; None: no limit, so that runs repeat bit for bit."""
     primal_tolerance_n: float = 0.1  # Largest violation of a limit, N
     relative_dual_tolerance: float = 1e-4
     """Largest dual residual, relative to the problem's gradient; a badly conditioned problem fails here."""
 
     def __post_init__(self) -> None:
-        if not (self.deadline_s is None or self.deadline_s >= 0):
-            raise ValueError("deadline_s not below 0, or none")
         if not (self.primal_tolerance_n > 0 and self.relative_dual_tolerance > 0):
             raise ValueError("primal_tolerance_n and relative_dual_tolerance above 0")
 
@@ -240,23 +232,9 @@ class GuardedSolution:
     fault: str | None
 
 
-def guarded_solve(
-    problem: Callable[[], Qp | None], solver: QpSolver, demands: SolutionRequirements, clock: Callable[[], float]
-) -> GuardedSolution:
-    """Build a problem and solve it before the deadline; ``problem`` returns None where a measurement is not finite."""
-    began = clock()
-
-    def remaining_s() -> float | None:
-        return None if demands.deadline_s is None else demands.deadline_s - (clock() - began)
-
-    qp = problem()
+def guarded_solve(qp: Qp | None, solver: QpSolver, demands: SolutionRequirements) -> GuardedSolution:
+    """Solve a problem, and judge the solution; the problem is None where a measurement is not finite."""
     if qp is None or not qp.is_finite:
         return GuardedSolution(None, NOT_FINITE)
-    time_limit_s = remaining_s()
-    if time_limit_s is not None and time_limit_s <= 0:
-        return GuardedSolution(None, OUT_OF_TIME)
-    solution = solver.solve(qp, time_limit_s)
-    time_left_s = remaining_s()
-    if time_left_s is not None and time_left_s < 0:
-        return GuardedSolution(solution, OUT_OF_TIME)
+    solution = solver.solve(qp)
     return GuardedSolution(solution, solution.fault(demands.primal_tolerance_n, demands.relative_dual_tolerance))

@@ -19,8 +19,7 @@ from leapgap.simulation.controller import StateEstimate
 
 QUANTITIES = ("state", "foot", "joint_pos", "joint_vel", "torque", "force")
 GOAL_AXES = 3  # x and z of the landing, m, and its pitch, rad
-DEVIATIONS = 10
-"""Trunk (x z pitch and their rates) and feet (front x z, rear x z, relative to the base) − those of a shifted plan."""
+DEVIATIONS = 10  # Trunk (x z pitch and their rates) and feet (front x z, rear x z, from the base) − those of a plan
 
 
 @dataclass(frozen=True)
@@ -66,11 +65,9 @@ class ShiftGrid:
 
     schedule: ContactSchedule
     period_s: float = 0.025
-    steps: int = 6
-    """Number of steps of a horizon, while as many updates remain: first one update, then equal shares of the rest."""
+    steps: int = 6  # Steps of a horizon, while as many updates remain: first one update, then equal shares of the rest
 
-    on_rear_feet: bool = True
-    """Whether the shift still changes when only the rear feet push; else it is held from then on."""
+    on_rear_feet: bool = True  # Whether the shift still changes when only the rear feet push; else it is held then
 
     @property
     def free_updates(self) -> int:

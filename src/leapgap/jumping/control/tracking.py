@@ -29,8 +29,7 @@ class Reference:
     schedule: ContactSchedule
     period_s: float
     state: np.ndarray  # x z pitch and rates, m, rad, s, (rows, 6); x from the start of the jump
-    force: np.ndarray
-    """Planned ground force on the robot, front x z, rear x z, N, zero where no contact is planned, (rows, 4)."""
+    force: np.ndarray  # Planned ground force on the robot, front x z, rear x z, N, zero without contact, (rows, 4)
     foot: np.ndarray  # Foot − base, mean of each pair, front x z, rear x z, m, (rows, 4)
     joint_pos: np.ndarray
     joint_vel: np.ndarray
@@ -87,53 +86,28 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class LandingPose:
-    """Pose and gains of the legs from some time before the planned landing on; published: 0.1 s, 0.5 rad, 80/1."""
-
-    before_landing_s: float = 0.0
-    front_forward_rad: float = 0.0  # Forward rotation of the front thighs
-    front: JointGains = field(default_factory=JointGains)
-    rear: JointGains = field(default_factory=JointGains)
-
-
-@dataclass(frozen=True)
 class PhaseGains:
-    """Gains of a pair in stance, in swing (the other pair pushes), and in flight; as published 300/3 throughout."""
+    """Gains of a pair in stance, in swing (the other pair pushes), and in flight; as published 300/3 throughout.
+
+    Those from the planned landing on are the published ones.
+    """
 
     stance: JointGains = field(default_factory=JointGains)
     swing: JointGains = field(default_factory=JointGains)
     flight: JointGains = field(default_factory=JointGains)
-    landing: LandingPose = field(default_factory=LandingPose)
 
-
-@dataclass(frozen=True)
-class JointTargets:
-    """Set points and gains of the joint PD at each row of a reference: (rows, joints) each, rad, rad/s, SI units."""
-
-    position: np.ndarray
-    velocity: np.ndarray
-    kp: np.ndarray
-    kd: np.ndarray
-
-    @staticmethod
-    def of(reference: Reference, gains: PhaseGains, robot: Robot) -> "JointTargets":
-        """The reference's joints, with the gains of each phase and the pose for landing."""
+    def rows(self, reference: Reference, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+        """kp and kd of the joint PD at each row of a reference, (rows, joints) each, SI units."""
         times = np.arange(len(reference.joint_pos)) * reference.period_s
-        position, velocity = reference.joint_pos.copy(), reference.joint_vel.copy()
-        kp, kd = np.empty_like(position), np.empty_like(position)
+        kp, kd = np.empty_like(reference.joint_pos), np.empty_like(reference.joint_pos)
         contact = reference.schedule.in_contact(times)
-        landing = times >= reference.schedule.landing_s - gains.landing.before_landing_s - 1e-6
-        for pair, (name, of_landing) in enumerate(zip(PAIRS, (gains.landing.front, gains.landing.rear), strict=True)):
-            joints = robot.joints_at(name)
-            phases = [landing, contact[:, pair], contact.any(axis=1)]
+        landed = times >= reference.schedule.landing_s - 1e-6
+        for pair, name in enumerate(PAIRS):
+            phases = [landed, contact[:, pair], contact.any(axis=1)]
             for values, part in ((kp, "kp_nm_per_rad"), (kd, "kd_nms_per_rad")):
-                of_phase = [getattr(g, part) for g in (of_landing, gains.stance, gains.swing)]
-                values[:, joints] = np.select(phases, of_phase, getattr(gains.flight, part))[:, None]
-        forward = np.intersect1d(robot.joints_at("front"), robot.joints_at("thigh"))
-        position[np.ix_(landing, forward)] -= gains.landing.front_forward_rad  # a positive thigh turns to the rear
-        if gains.landing.before_landing_s > 0:
-            velocity[landing] = 0.0
-        return JointTargets(position, velocity, kp, kd)
+                of_phase = [getattr(gains, part) for gains in (JointGains(), self.stance, self.swing)]
+                values[:, robot.joints_at(name)] = np.select(phases, of_phase, getattr(self.flight, part))[:, None]
+        return kp, kd
 
 
 ORIGIN_FRAME = StartFrame(0.0, 0.0, 0.0)
@@ -149,7 +123,7 @@ class JumpController(Controller):
     def __init__(self, reference: Reference, robot: Robot, gains: PhaseGains, level_m: float | None = 0.0) -> None:
         """``level_m``: height of the ground at the start, m; None: computed from the measured height of the base."""
         self.reference, self.robot = reference, robot
-        self.targets = JointTargets.of(reference, gains, robot)
+        self.kp, self.kd = gains.rows(reference, robot)
         self.level_m = level_m
         self.legs = LegKinematics(robot)
         self.border = Border(robot)
@@ -178,8 +152,8 @@ class JumpController(Controller):
         torque, force = self.feed_forward(time_s, judged, self.frame or ORIGIN_FRAME)
         torque, force = self.border.within_limits(torque, force)
         position, velocity = self.set_points(time_s)
-        row, targets = self.reference.row(time_s), self.targets
-        return self.border.sent(Command(torque, position, velocity, targets.kp[row], targets.kd[row], force))
+        row = self.reference.row(time_s)
+        return self.border.sent(Command(torque, position, velocity, self.kp[row], self.kd[row], force))
 
     def count_fallback(self, reason: str) -> None:
         """Count a fallback command at the present time."""
@@ -196,8 +170,8 @@ class JumpController(Controller):
         They are those of the reference, without velocities after the planned landing.
         """
         row, moving = self.reference.row(time_s), time_s <= self.reference.schedule.landing_s
-        velocity = self.targets.velocity[row]
-        return self.targets.position[row], velocity if moving else 0.0 * velocity
+        velocity = self.reference.joint_vel[row]
+        return self.reference.joint_pos[row], velocity if moving else 0.0 * velocity
 
     def planned(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
         """The planned torques (joints,), N·m, and pair forces (4,), N, up to the planned landing."""
@@ -236,7 +210,7 @@ class ExcitedController(JumpController):
 
     def __init__(self, inner: JumpController, excitation: Excitation, rng: np.random.Generator) -> None:
         self.inner, self.excitation = inner, excitation
-        self.reference, self.robot, self.targets = inner.reference, inner.robot, inner.targets
+        self.reference, self.robot = inner.reference, inner.robot
         self.level_m, self.legs, self.border = inner.level_m, inner.legs, inner.border
         self.fallbacks, self.substituted = inner.fallbacks, inner.substituted
         held = int(np.ceil(inner.reference.schedule.take_off_s / excitation.hold_s))

@@ -40,10 +40,8 @@ class AimConfig:
     """A jump whose held-out error is this many times the median or more gets less weight, by the square of the ratio.
     Such jumps are usually those whose feet slipped, and they say nothing about jumps whose feet held."""
     matters: tuple[float, float, float] = (0.01, 0.03, 0.1)  # Landing errors that cost alike: m, m, rad
-    clearance_m: float = 0.015
-    """Goals are this much above the target, so that no foot touches the ground before the scheduled landing."""
-    caution: float = 0.02
-    """Cost of a goal away from the target, per squared ``scale``: of goals that land alike, the nearest is chosen."""
+    clearance_m: float = 0.015  # Goals are so much above the target: no foot touches before the scheduled landing
+    caution: float = 0.02  # Cost of a goal off the target, per squared ``scale``: of goals that land alike, the nearest
     largest: tuple[float, float, float] = (0.25, 0.15, 0.2)  # Largest distance of a goal from its target: m, m, rad
 
 
@@ -54,8 +52,7 @@ class LandingSamples:
     goal: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # Commanded goals, (n, 3), as ``GOAL``
     stance_pitch: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Pitch of the crouch on the ground before each jump, nose-down, (n,), rad."""
-    landing: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    """Poses at the end of the scheduled flight, (n, 3), as ``GOAL``."""
+    landing: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # Poses at the end of the flight, (n, 3)
 
     def __len__(self) -> int:
         return len(self.stance_pitch)
@@ -289,7 +286,7 @@ class GoalDirectedJump(JumpController):
             still = np.zeros(len(self.robot.joints))
             gains, plan = self.gains.stance, self.reference
             kp, kd = still + gains.kp_nm_per_rad, still + gains.kd_nms_per_rad
-            return Command(plan.torque[0], self.targets.position[0], still, kp, kd, plan.force[0])
+            return Command(plan.torque[0], plan.joint_pos[0], still, kp, kd, plan.force[0])
         stance = latest(self._stood[:-1], stand.measured_s)  # the jump begins with this estimate
         self.tracker = self.plan_from(stance_pitch(stance, self.legs) if self.choice.stance_is_seen else 0.0)
         self.start_s = estimate.time_s

@@ -54,12 +54,10 @@ FIRST, LATER = 0, 1
 class FeedbackConfig:
     """How the models of a robot are learned: deviations in units of ``SCALE``, landings in those of ``MATTERS``."""
 
-    calm_noise: float = 0.03
-    """Standard deviation of what is unexpected of a deviation from update to update, before any jump."""
+    calm_noise: float = 0.03  # Standard deviation of what is unexpected of a deviation between updates, before any jump
     calm_change: float = 0.3  # The same of how the deviation of one update differs in the next by each of the ten
     calm_prior: float = 4.0  # So many jumps count what is known before any jump
-    weight: float = 3.0
-    """Standard deviation of what a deviation does to the landing, before any simulated jump, at a noise of one."""
+    weight: float = 3.0  # Deviation of what a deviation does to the landing, before simulated jumps, at a noise of one
     whole_m: float = 0.05
     """A kick that moves the landing farther along x is scaled down to that, so that large ones do not count most."""
 
@@ -128,8 +126,7 @@ class ShiftedJumps(ArrayRecord):
     stance_pitch: np.ndarray  # (n,), rad
     landing: np.ndarray  # (n, 3), as the goal
     shift: np.ndarray  # Shift of the goal from each update on, (n, T, 3), m, m, rad
-    deviation: np.ndarray
-    """Deviation from the shifted plan at each update, (n, T, 10); not finite where an update did not come."""
+    deviation: np.ndarray  # Deviation from the shifted plan at each update, (n, T, 10); not finite where none came
 
     def __len__(self) -> int:
         return len(self.goal)
@@ -145,8 +142,7 @@ class ShiftedJumps(ArrayRecord):
 class KickedJumps(ArrayRecord):
     """n simulated jumps, each compared with the same jump without its kick, at T updates."""
 
-    since: np.ndarray
-    """Deviation from the shifted plan, less that without the kick, (n, T, 10); not finite until the kick shows."""
+    since: np.ndarray  # Deviation from the shifted plan less that without the kick, (n, T, 10); else not finite
     landing: np.ndarray  # Change of the landing by the kick, (n, 3), m, m, rad
 
 
@@ -267,8 +263,7 @@ STANCE_STEPS = (-0.05, 0.05)
 nose-down where the first has no plan."""
 LARGEST_TILT_RAD = 0.2  # A stance that is measured in the jump and farther from the expected one is not believed
 STANCES = 21  # Number of stances within that distance whose goals are chosen before the jump: one every 0.02 rad
-NEIGHBOUR_STEPS = (0.05, 0.04, 0.08)
-"""Distance of the neighbouring goals that slopes are taken from: x, z, pitch; m, m, rad."""
+NEIGHBOUR_STEPS = (0.05, 0.04, 0.08)  # Distance of the neighbouring goals for slopes: x, z, pitch; m, m, rad
 
 
 class GoalShiftJump(GoalDirectedJump):
@@ -372,8 +367,7 @@ class GoalShiftMethod(Method):
     planner: JumpPlanner | None = None
     feedback: LandingFeedback | None = None  # None: the goal is not shifted, but for exploration
     config: GoalShiftConfig = field(default_factory=GoalShiftConfig)
-    goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """Added to each goal for exploration, (3,), m, m, rad."""
+    goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))  # Added to each goal, to explore; m, m, rad
     exploration: np.ndarray | None = None  # Added to the shifts, (updates, 3), m, m, rad
 
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:

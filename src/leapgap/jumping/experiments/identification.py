@@ -27,8 +27,7 @@ class FitParameter:
     effect: str
     parameter: str
     scale: float
-    starts: tuple[float, ...] = (0.3,)
-    """Values from which the fit starts, in units of ``scale``: where a fit ends may depend on it."""
+    starts: tuple[float, ...] = (0.3,)  # Values, in units of ``scale``, where a fit starts: its end may depend on it
 
 
 JOINT_PARAMETERS = (

@@ -1,6 +1,5 @@
 """Closed-loop runs of every landing method at every task, on each simulated hardware."""
 
-import csv
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import MISSING, asdict, dataclass, fields
@@ -18,7 +17,7 @@ from leapgap.jumping.experiments.methods.mpc import PractisedMpcSettings
 from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig, TrialRunner
 from leapgap.jumping.experiments.settings import LandSettings
 from leapgap.jumping.experiments.trial import TrialResult, TrialSetup, TrialSpec
-from leapgap.jumping.learning.model_files import write_npz
+from leapgap.jumping.learning.model_files import write_csv, write_npz
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody, planner_body
 from leapgap.jumping.planning.reference import reference_to
@@ -168,19 +167,6 @@ def task_mean_interval(errors: Mapping[tuple[str, str], Sequence[float]], seed: 
     return [round_value(edge) for edge in np.percentile(drawn, [2.5, 97.5])]
 
 
-def landing_figures(scored: Sequence[ScoredRun], single: Sequence[str], seed: int) -> dict[str, Any]:
-    """Contents of ``metrics/landing.json``; ``single`` names the tasks of the mean over tasks."""
-    return tables(scored, seed) | mean_over_tasks(scored, single, seed) | {"seed": seed}
-
-
-def write_rows(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """Write a table for `dvc plots` and for spreadsheets."""
-    with whole_file(path) as beside, beside.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]) if rows else ["hardware"], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-
-
 ENTRY_POINTS = "leapgap.landing_methods"  # Entry-point group under which other packages provide methods
 
 
@@ -219,8 +205,7 @@ class LandingExperiment:
 
     settings: LandSettings
     methods: Mapping[str, MethodSettings]  # Settings in ``land.method_settings``, by name
-    variants: Mapping[str, Mapping[str, Any]]
-    """Simulated hardware by name, each with the effects it has: the section ``collect.variants``."""
+    variants: Mapping[str, Mapping[str, Any]]  # Hardware by name, each with its effects: ``collect.variants``
     tasks: Sequence[JumpTask]
     repeats: Mapping[str, int]  # Number of runs of each task, by its name
     robot: Robot
@@ -335,8 +320,9 @@ def run_landings(experiment: LandingExperiment, executor: Executor, out: Path) -
 
 def write_landings(scored: Sequence[ScoredRun], settings: LandSettings, out: Path) -> dict[str, float]:
     """Write figures and table; the mean errors by hardware and method, cm, which are printed too."""
-    figures = landing_figures(scored, settings.single, settings.seed)
-    write_rows([row for one in scored for row in one.rows()], out / TABLE)
+    seed, rows = settings.seed, [row for one in scored for row in one.rows()]
+    figures: dict[str, Any] = {**tables(scored, seed), **mean_over_tasks(scored, settings.single, seed), "seed": seed}
+    write_csv(out / TABLE, list(rows[0]) if rows else ["hardware"], (row.values() for row in rows))
     write_json(out / FIGURES, figures)
     if settings.metrics is not None:
         write_metrics(Path(settings.metrics), figures)

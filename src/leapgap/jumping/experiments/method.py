@@ -51,22 +51,18 @@ class JumpTask:
     block_m: tuple[float, float] = (0.0, 0.0)
     """Range of the height of the block under the front feet at the start, drawn evenly. It should exceed 4 mm:
     soft feet sink in that far, and a foot would stand on block and floor at once."""
-    slope_rad: tuple[float, float] = (0.0, 0.0)
-    """Range of the slope of the whole ground, drawn evenly; positive falls away forward."""
+    slope_rad: tuple[float, float] = (0.0, 0.0)  # Range of the ground's slope, drawn evenly; positive falls forward
     uneven_m: tuple[float, float] = (0.0, 0.0)
     """Range of the height of the blocks that feet land on between the jumps, drawn evenly; 0: flat ground."""
     rear_block_m: tuple[float, float] = (0.0, 0.0)  # The same as ``block_m`` under the rear feet
-    stance_is_seen: bool = True
-    """Whether a robot can measure the ground it stands on before it jumps; else all methods take it for level."""
+    stance_is_seen: bool = True  # Whether a robot can measure its ground before it jumps; else it is taken for level
     crouch_error_rad: float = 0.0
     """Largest error of the joints in the crouch before the jump, drawn evenly for thighs and calves of each pair."""
     kick_m_s: float = 0.0  # Sudden change of the forward velocity, forward or back, once in the jump
     kick_rad_s: float = 0.0  # The same of the pitch rate
-    push_n: tuple[float, float] = (0.0, 0.0)
-    """Range of a horizontal force on the trunk, forward or back, once in the jump."""
+    push_n: tuple[float, float] = (0.0, 0.0)  # Range of a horizontal force on the trunk, forward or back, once a jump
     push_s: float = 0.1  # How long that force lasts
-    disturbed_at_s: tuple[float, ...] = (0.3, 0.4)
-    """Times since the start of the jump, one of which is drawn for a kick or a push."""
+    disturbed_at_s: tuple[float, ...] = (0.3, 0.4)  # Times since the start of the jump; one is drawn for a kick or push
 
     def __post_init__(self) -> None:
         if self.jumps < 1:
@@ -186,8 +182,7 @@ class MpcMethod(Method):
     config: MpcConfig = field(default_factory=MpcConfig)
     excitation: Excitation | None = None  # Random forces on top of its own, by ``seed``
     seed: int = 0
-    identified: tuple[Effect, ...] | None = None
-    """Effects that were identified in the robot; None: none were looked for."""
+    identified: tuple[Effect, ...] | None = None  # Effects that were identified in the robot; None: none looked for
 
     def excited(self, excitation: Excitation, seed: int) -> Self:
         """The same with random forces, as for practice."""
@@ -226,8 +221,7 @@ class AimingMethod(Method):
     landing: LandingModel | None = None
     offset: Mapping[str, np.ndarray] = field(default_factory=dict)
     """By name of the task: mean landing − predicted landing of its jumps, (3,), m, m, rad."""
-    goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """Added to each goal for exploration, (3,), m, m, rad."""
+    goal_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))  # Added to each goal, to explore; m, m, rad
     observation: Observation = field(default_factory=Observation)  # When deviations from the plan are kept
 
     def controller(self, task: JumpTask, reference: Reference) -> JumpController:

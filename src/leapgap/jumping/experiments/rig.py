@@ -40,8 +40,7 @@ class TrialRunner:
 
     cache: ResultCache
     map: Mapper
-    progress: Callable[[TrialSpec, TrialResult], None] | None = None
-    """Called after every trial that was run, in their order."""
+    progress: Callable[[TrialSpec, TrialResult], None] | None = None  # Called after every trial that was run, in order
     map_last: Mapper | None = None  # ``map`` for trials whose results no further trial waits for; None: ``map``
     side_by_side: bool = False  # Whether threads may share ``map``, so that methods are prepared side by side
     earlier: ResultCache | None = None  # Of another stage: results that are there are read, and none is written
@@ -200,8 +199,7 @@ class Rig:
     """One simulated robot. Each method is prepared once, when it is first asked for, by whichever thread asks."""
 
     settings: LandSettings
-    known: Mapping[str, MethodSettings]
-    """Settings of every method that can be prepared on this robot, by the method's name."""
+    known: Mapping[str, MethodSettings]  # Settings of every method that can be prepared on this robot, by the name
     bench: Bench
     tasks: Sequence[JumpTask]
     body: RigidBody  # Rigid body that controllers assume for the nominal robot

@@ -36,8 +36,7 @@ class PracticeRounds:
     first: Excitation = field(default_factory=lambda: Excitation(40.0))
     later: Excitation = field(default_factory=lambda: Excitation(15.0))
     on_policy_weight: float = 5.0  # How much a jump of the learned MPC counts beside one of the nominal MPC
-    block_m: tuple[float, float] = (0.0, 0.0)
-    """Height of a block under the front feet in every second jump, drawn evenly."""
+    block_m: tuple[float, float] = (0.0, 0.0)  # Height of a block under the front feet in every second jump
     slope_rad: tuple[float, float] = (-0.005, 0.005)
     trusted_cm: float = 5.0
     """Largest mean |landing − prediction| of the last round with which the model of all jumps is kept; beyond, that of
@@ -86,14 +85,11 @@ class GoalOffsets:
 class PracticeConfig:
     """How many training jumps are made, and to which targets; all of them are on flat ground, never on a box."""
 
-    identify_jumps: int = 4
-    """Number of the first jumps, from which effects in the joints are identified for the plans of all later ones."""
+    identify_jumps: int = 4  # Number of the first jumps, which identify effects in the joints for all later plans
     random_jumps: int = 16
-    rounds: tuple[int, ...] = (10, 10)
-    """Jumps of each later round; their goals are chosen with the model of all jumps before."""
+    rounds: tuple[int, ...] = (10, 10)  # Jumps of each later round, to goals chosen with the model of all jumps before
     distance_m: tuple[float, float] = (0.32, 0.78)
-    block_m: tuple[float, float] = (0.01, 0.07)
-    """Height of a block under the front feet in every second jump, drawn evenly."""
+    block_m: tuple[float, float] = (0.01, 0.07)  # Height of a block under the front feet in every second jump
     slope_rad: tuple[float, float] = (-0.005, 0.005)  # Slope of the ground, drawn evenly
     random_beyond: GoalOffsets = field(default_factory=lambda: GoalOffsets((-0.1, 0.1), (-0.04, 0.14), (-0.15, 0.15)))
     """Offsets of the goals of the first jumps. On flat ground a goal may be high above it."""

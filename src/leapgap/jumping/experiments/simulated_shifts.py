@@ -62,19 +62,15 @@ class SimulatedShiftsConfig:
     kicks: int = 40  # Number of kicks of each of these jumps, one at a time; every second one is a push
     x_m: tuple[float, float] = (0.35, 0.8)
     z_m: tuple[float, float] = (-0.04, 0.15)
-    pitch_rad: tuple[float, float] = (-0.15, 0.15)
-    """Ranges of goals; z from the height of a robot that stands on level ground."""
-    block_m: tuple[float, float] = (0.0, 0.07)
-    """Height of a block under the front feet in every second goal, which the plan reckons with."""
+    pitch_rad: tuple[float, float] = (-0.15, 0.15)  # Ranges of goals; z from the height of a robot on level ground
+    block_m: tuple[float, float] = (0.0, 0.07)  # Of a block under the front feet in every second goal, as planned
     shifts: ShiftDraws = field(default_factory=ShiftDraws)
     share: tuple[float, float] = (0.2, 0.6)  # Random shifts of a jump are scaled by a share in this range
-    kick: tuple[float, float, float] = (0.4, 0.2, 1.5)
-    """Largest sudden change of forward and vertical velocity, m/s, and of pitch rate, rad/s."""
+    kick: tuple[float, float, float] = (0.4, 0.2, 1.5)  # Largest sudden change of vx and vz, m/s, and pitch rate, rad/s
     push: tuple[float, float, float] = (0.5, 0.15, 0.0)  # The same of what a push changes in all
     push_s: tuple[float, float] = (0.05, 0.15)  # How long a push acts
     kick_between_s: tuple[float, float] = (0.1, 0.5)
-    probed_x_m: tuple[float, ...] = (0.4, 0.55, 0.7)
-    """Distances of the goals at which the effect of shifts is found by differences."""
+    probed_x_m: tuple[float, ...] = (0.4, 0.55, 0.7)  # Distances of goals at which differences tell what shifts do
     probes: tuple[float, float, float] = (0.03, 0.03, 0.06)  # Shifts, both ways, for these differences; m, m, rad
 
 

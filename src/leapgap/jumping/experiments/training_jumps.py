@@ -34,8 +34,7 @@ class PracticeResult:
     planner: JumpPlanner
     effects: tuple[Effect, ...]  # Effects identified in the robot's joints
     samples: LandingSamples
-    jumps: ShiftedJumps | None = None
-    """The jumps of the samples with what was measured on the way; None where no jump was upright."""
+    jumps: ShiftedJumps | None = None  # Jumps of the samples with what was measured; None where none was upright
     logs: tuple[Log, ...] = ()  # The jumps that the effects were identified from
 
 

@@ -28,8 +28,7 @@ from leapgap.simulation.closed_loop import ClosedLoopRun, Disturbance, Sensing, 
 from leapgap.simulation.open_loop import Course, MotionPlan, prepare, terrain_slots
 from leapgap.simulation.replay import Replayer
 
-LEAST_PUSH_N = 20.0
-"""A pair of feet pushes if its vertical force is larger; below, the ratio of two small forces means nothing."""
+LEAST_PUSH_N = 20.0  # A pair of feet pushes if its vertical force is larger; the ratio of small forces means nothing
 SUPPLY_V = 21.5  # Limit of |R τ + q̇| at the joint, V, by the motors' data sheet
 IMPULSE_S = 0.005  # Ground forces are averaged over this time, because single steps of a simulated contact chatter
 
@@ -42,8 +41,7 @@ class RunMetrics:
     force_n: float  # Largest F_z of a pair, N
     tracking_rad: float  # Root mean square of set point − joint angle, rad
     torque_nm: float  # Largest commanded joint torque, N·m
-    short_of_torque: float
-    """Share of joint-milliseconds in which the data sheet's motors cannot deliver what is commanded, 1."""
+    short_of_torque: float  # Share of joint-milliseconds in which the data sheet's motors cannot deliver the command
 
 
 def run_metrics(run: ClosedLoopRun, robot: Robot, first: int) -> RunMetrics:
@@ -75,10 +73,8 @@ def pair_force(run: ClosedLoopRun, robot: Robot) -> np.ndarray:
 
 LARGEST_PITCH_RAD = np.deg2rad(15)
 STANDS_AFTER_S = 0.5  # A successful landing is still upright after this time
-UPRIGHT_COSINE = np.cos(np.deg2rad(30))
-"""Cosine of the largest angle between the vertical axes of the base and of the world."""
-FOOT_ABOVE_SURFACE_M = 0.03
-"""Largest distance of a foot's lowest point from the target surface, or from the blocks on it, to stand on it."""
+UPRIGHT_COSINE = np.cos(np.deg2rad(30))  # Cosine of the largest angle between the vertical of the base and the world's
+FOOT_ABOVE_SURFACE_M = 0.03  # Largest distance of a sole from the target surface, or from blocks on it, to stand on it
 
 
 @dataclass(frozen=True)
@@ -92,11 +88,11 @@ class Landing:
     success: bool  # Pitch below 15°, and half a second later all feet on the target surface and the base upright
 
 
-def landing(run: ClosedLoopRun, robot: Robot, first: int = 0, target_x_m: float | None = None) -> Landing:
-    """Landing of the jump that begins at row ``first``; the target distance is the log's unless one is given."""
+def landing(run: ClosedLoopRun, robot: Robot, first: int = 0) -> Landing:
+    """Landing of the jump that begins at row ``first``."""
     jump, truth = run.log, run.truth
     schedule, period = schedule_of(jump), jump.info.sample_period_s
-    target_x = target_of(jump).x_m if target_x_m is None else target_x_m
+    target_x = target_of(jump).x_m
     row, take_off = (
         min(len(jump) - 1, first + round(seconds / period)) for seconds in (schedule.landing_s, schedule.take_off_s)
     )
@@ -140,8 +136,7 @@ class TrialSetup:
     sensing: Sensing = field(default_factory=Sensing)
     sequence: SequenceConfig = field(default_factory=SequenceConfig)
     course: Course = field(default_factory=Course)
-    body: RigidBody | None = None
-    """Rigid body that the landing controller assumes; None: the robot's own, in the pose that the plans begin in."""
+    body: RigidBody | None = None  # Body that the landing controller assumes; None: the robot's, as plans begin
 
 
 @dataclass(frozen=True)
@@ -229,8 +224,7 @@ def total_error_cm(run: ClosedLoopRun, task: JumpTask, starts: Sequence[int]) ->
     return float(100 * (task.jumps * task.x_m - way))
 
 
-MOST_N = 1e4
-"""A foot's force that is larger is none: the leg's Jacobian is singular, as where the foot is as high as the hip."""
+MOST_N = 1e4  # A foot's larger force is none: the leg's Jacobian is singular, as with a foot as high as the hip
 
 
 def with_pd_force(jump: Log, robot: Robot, begins_s: Sequence[float]) -> Log:
@@ -258,8 +252,7 @@ UPRIGHT_RAD = 0.5  # A jump that lands with a larger pitch is no sample for the 
 class TrialSpec:
     """One closed-loop run to make: the method, the task, the simulated robot and the seed."""
 
-    place: str
-    """Path of its result, ``<hardware>/<method>/<task>_<number>``; it differs for every trial of an experiment."""
+    place: str  # Path of its result, ``<hardware>/<method>/<task>_<number>``; each trial of an experiment has its own
     task: JumpTask
     method: Method
     reference: Log  # The plan of its jumps from level ground

@@ -1,9 +1,9 @@
 """Everything that the goal-shift controller of one jump needs while it runs, as arrays and numbers.
 
-The names here are those in the C files and in ``numpy_controller``; what a table holds stands in ``MEANING``, which is
-written beside the tables. Quadratic programs are tabled as far as no measurement is needed, neither of the robot nor of
-the stance that it may begin in: for each update a part of the Hessian, and the constraints, scaled by their norm in the
-Hessian of the plan's own goal.
+The names here are those in the C files; what a table holds stands in ``MEANING``, which is written beside the tables.
+Quadratic programs are tabled as far as no measurement is needed, neither of the robot nor of the stance that it may
+begin in: for each update a part of the Hessian, and the constraints, scaled by their norm in the Hessian of the plan's
+own goal.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.border import LARGEST, LARGEST_TIME_S, LONGEST_GAP_S, QUATERNION_NORMS
+from leapgap.jumping.control.border import DAMPING, HOLD_TICKS, LARGEST, LARGEST_TIME_S, LONGEST_GAP_S, QUATERNION_NORMS
 from leapgap.jumping.control.compiled_planner import DualTables, update_tables
 from leapgap.jumping.control.condensed_qp import STATES
 from leapgap.jumping.control.goal_shift_jump import LateStance, ShiftTracker
@@ -126,7 +126,7 @@ def tables_of(tracker: ShiftTracker) -> ControllerTables:
         "LARGEST_EFFORTS": int(np.diff(arrays["efforts_of_update"]).max()),
         "SAMPLES": len(arrays["landing_sample"]),
         **starts(tracker),
-        "KEPT": tracker.kept_rows,
+        "KEPT": tracker.recorder.kept_rows,
         "UPDATE_S": config.period_s,
         "STANCE_PITCH_RAD": float(tracker.stance_pitch),
         "MEASURED_UNTIL_S": 0.0 if late is None else late.until_s,
@@ -163,7 +163,7 @@ def with_body(
         "quaternion_norms": np.array(QUATERNION_NORMS),
         **{f"largest_{name}": np.array(LARGEST[key]) for name, key in of_border.items()},
     }
-    border, schedule = tracker.border.safe, tracker.reference.schedule
+    schedule = tracker.reference.schedule
     shared: dict[str, int | float] = {
         "ROWS": len(arrays["plan"]),
         "COLUMNS": arrays["plan"].shape[2],
@@ -171,9 +171,9 @@ def with_body(
         "JOINTS": len(own["torque_limit"]),
         "LINKS": len(own["link_joint"]),
         "FEET": len(own["foot_point"]),
-        "HOLD_TICKS": border.hold_ticks,
-        "SAFE_KP": border.damping.kp_nm_per_rad,
-        "SAFE_KD": border.damping.kd_nms_per_rad,
+        "HOLD_TICKS": HOLD_TICKS,
+        "SAFE_KP": DAMPING.kp_nm_per_rad,
+        "SAFE_KD": DAMPING.kd_nms_per_rad,
         "ROW_S": tracker.reference.period_s,
         "TAKE_OFF_S": schedule.take_off_s,
         "LANDING_S": schedule.landing_s,
@@ -191,7 +191,7 @@ def starts(tracker: JumpController) -> dict[str, int]:
 
 def gain_tables(tracker: JumpController) -> dict[str, np.ndarray]:
     """The gains of the plan's rows."""
-    both = np.stack([tracker.targets.kp, tracker.targets.kd], axis=1)
+    both = np.stack([tracker.kp, tracker.kd], axis=1)
     gains, of_row = np.unique(both.reshape(len(both), -1), axis=0, return_inverse=True)
     return {"gains": gains.reshape(-1, *both.shape[1:]), "gains_of_row": of_row.reshape(-1).astype(np.int32)}
 
@@ -304,9 +304,7 @@ def force_tables_of(controller: JumpMpc) -> ControllerTables:
     force = np.array([reference.mean_force(one.horizon.time_s[:2])[0] for one in ready])
     firsts, totals = ([len(one.first) for one in ready], [int(one.pushing.sum()) for one in ready])
     steps = max(len(one.horizon) for one in ready)
-    # The set points that the controller sends.
-    targets = {"joint_pos": controller.targets.position, "joint_vel": controller.targets.velocity}
-    parts = [targets.get(name, getattr(reference, name)) for name in IN_PLAN.values()]
+    parts = [getattr(reference, name) for name in IN_PLAN.values()]
     arrays = {
         "plan": np.concatenate(parts, axis=1)[:, None],
         **gain_tables(controller),

@@ -104,7 +104,7 @@ def tracker_of(chosen: ExportSettings, experiment: LandingExperiment, executor: 
     return tracker
 
 
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 OF_ALL = ("jump_controller.h", "jump_body.h", "jump_body.c", "main.c")
 OF_GOALS = ("jump_controller.c", "jump_program.h", "jump_program.c")
 OF_FORCES = ("force_controller.c", "force_program.h", "force_program.c")
@@ -114,7 +114,7 @@ PER_LINE = 8  # Numbers in a line of a table in C
 def write_controller(tracker: ShiftTracker | JumpMpc, folder: Path, about: Mapping[str, Any]) -> ControllerTables:
     """Write a controller that has not begun its jump; ``about`` says for what robot and task it is.
 
-    The learned MPC is written in C alone, goal-shift MPC in NumPy too, with its model as ONNX.
+    Goal-shift MPC is written with its model as ONNX, too.
     """
     shifts = isinstance(tracker, ShiftTracker)
     tables = tables_of(tracker) if isinstance(tracker, ShiftTracker) else force_tables_of(tracker)
@@ -134,7 +134,6 @@ def write_controller(tracker: ShiftTracker | JumpMpc, folder: Path, about: Mappi
     write_text(folder / "tables.c", "\n".join(['#include "tables.h"', "", *content]))
     write_npz(folder / "tables.npz", dict(tables.arrays))
     if shifts:
-        write_text(folder / "controller.py", (package / "numpy_controller.py").read_text(encoding="utf-8"))
         (folder / "landing_model.onnx").write_bytes(serialise_landing(tables.arrays, about))
     described = {
         "format_version": FORMAT_VERSION,

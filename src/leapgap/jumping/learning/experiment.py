@@ -69,8 +69,7 @@ class TrainConfig:
     """
 
     windows: str
-    sessions: list[list[str]] | None
-    """Patterns of the names of the jumps of each session; None: no sessions are held out."""
+    sessions: list[list[str]] | None  # Patterns of the names of each session's jumps; None: no sessions are held out
     mass_kg: float
     pitch_inertia_kgm2: float  # Of the nominal body that residuals correct
     out: str | None = None
@@ -79,8 +78,7 @@ class TrainConfig:
     """Those left out where whole sessions are held out, to save time."""
     folds: int = 4  # Fold f holds out jumps f, f + folds, …
     seed: int = 0
-    curvature: float = 0.5
-    """Curvature of the steps' positions in all models but the published ones, as in ``rigid_body.advance``."""
+    curvature: float = 0.5  # Curvature of the steps' positions, as in ``rigid_body.advance``, but in published models
     model_settings: dict[str, ModelSettings] = field(default_factory=dict)
     """Settings of models by their section, where they are not the defaults."""
     steps_an_epoch: int = 25

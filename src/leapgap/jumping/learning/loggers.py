@@ -19,8 +19,7 @@ class LoggerConfig:
     """The section ``train.logger``: logger for training curves besides ``curves.csv``, and its folder."""
 
     name: str = "csv"  # ``csv`` for ``curves.csv`` alone, or one of ``LOGGERS``
-    folder: str = "lightning_logs"
-    """Outside the output folder, since the files hold times and would make equal results unequal."""
+    folder: str = "lightning_logs"  # Outside the output folder: the files hold times, and equal results would differ
 
     def __post_init__(self) -> None:
         if self.name != "csv" and self.name not in LOGGERS:

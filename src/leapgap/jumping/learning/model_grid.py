@@ -22,8 +22,7 @@ from leapgap.runtime.blas import one_blas_thread
 from leapgap.runtime.cache import ResultCache, result_key
 from leapgap.runtime.processes import starting_workers
 
-EXPORTED = "exported"
-"""Folder of the models fitted on all jumps as others read them: ``jumping.control.inference``, ONNX."""
+EXPORTED = "exported"  # Folder of the models of all jumps as others read them: ``jumping.control.inference``, ONNX
 CURVES, SPLITS, NOTE = "curves.csv", "splits.json", "note.json"
 
 

@@ -17,8 +17,7 @@ from leapgap.jumping.learning.window_extraction import DeviatingJump
 from leapgap.jumping.learning.windows import Windows
 from leapgap.jumping.models.rigid_body import DeviationModel, RigidBody
 
-LearningCurve = list[list[float | None]]
-"""Rows of step, training loss and held-out loss; empty for what is fitted at once."""
+LearningCurve = list[list[float | None]]  # Rows of step, training loss and held-out loss; empty for a fit at once
 
 
 @dataclass
@@ -89,8 +88,7 @@ class FitTask:
     model_settings: Mapping[str, ModelSettings]
     """Settings of models by their section, where they are not the defaults; ``settings`` finds those of one kind."""
     run: TrainingRun
-    member: Callable[[str], Model]
-    """The model of another recipe fitted on the same split before, by name; ``InputError`` where there is none."""
+    member: Callable[[str], Model]  # Another recipe's model of this split, by name; ``InputError`` without
 
     def settings(self, kind: type[Settings]) -> Settings:
         """The settings of one kind of models."""
@@ -114,26 +112,19 @@ class ModelRecipe(ABC):
 
     name: ClassVar[str]  # Key of its files and of its figures in the metrics
     model: ClassVar[type[Model]]  # The class of the fitted model, which saves and loads itself
-    settings: ClassVar[type[ModelSettings] | None] = None
-    """Settings of its own that its fit reads; other models' settings do not change it."""
-    members: ClassVar[tuple[str, ...]] = ()
-    """Names of the recipes whose models, fitted on the same split before, its fit reads."""
+    settings: ClassVar[type[ModelSettings] | None] = None  # Its own, which its fit reads; others do not change it
+    members: ClassVar[tuple[str, ...]] = ()  # Names of the recipes whose models of the same split its fit reads
     is_forecast: ClassVar[bool] = False
     """Whether it is given no feet and forces measured after the first step. Forecasts are judged on held-out jumps
     and never used, so none is fitted on all jumps."""
-    can_be_exported: ClassVar[bool] = True
-    """Whether it says how forces move the base, which is what a controller asks of an exported model."""
-    colour: ClassVar[str] = "#555555"
-    """In figures, as #rrggbb."""
+    can_be_exported: ClassVar[bool] = True  # Whether it says how forces move the base, which controllers need
+    colour: ClassVar[str] = "#555555"  # In figures, as #rrggbb
     label_is_plural: ClassVar[bool] = False  # Whether sentences about it take a plural verb
-    shown_by_step: ClassVar[bool] = True
-    """Whether the figure of errors by step shows it; large errors would spoil the figure's scale."""
+    shown_by_step: ClassVar[bool] = True  # Whether the figure of errors by step shows it, whose scale large ones spoil
     forecast_name: ClassVar[str | None] = None
     """Key of its figures among the forecasts, where its predictions use nothing measured after the first step."""
-    uncertainty_from: ClassVar[str | None] = None
-    """Name of the recipe whose errors on left-out training jumps are expected of this model too."""
-    uncertainty_file: ClassVar[str | None] = None
-    """Stem of the file of those errors, where this recipe is the one whose errors are learned."""
+    uncertainty_from: ClassVar[str | None] = None  # Recipe whose errors on left-out training jumps count for it
+    uncertainty_file: ClassVar[str | None] = None  # Stem of the file of those errors, where they are its own
 
     @property
     def label(self) -> str:

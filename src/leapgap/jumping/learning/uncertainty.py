@@ -22,8 +22,7 @@ from leapgap.runtime.atomic_io import whole_file
 LEVELS = (0.5, 0.8, 0.95)  # Of the intervals whose width is fitted and whose coverage is checked
 MOST_REFITS, MOST_LEFT_OUT = 24, 64
 """Number of training jumps up to which the kernel is fitted again without each, and largest number left out in turn."""
-SMOOTHING_STEPS = 1.0
-"""Errors of neighbouring starts are averaged with a Gaussian this wide: a dozen jumps give few of each."""
+SMOOTHING_STEPS = 1.0  # Errors of neighbouring starts are averaged with such a Gaussian: a dozen jumps give few
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,7 @@ from leapgap.robot.topology import PAIRS
 
 STATE_COLUMNS = ("base_pos_x", "base_pos_z", *BASE_QUATERNION, "base_linvel_x", "base_linvel_z", "base_angvel_y")
 
-CLAIMED, OWN = "claimed", "own"
-"""Clocks that windows are cut by: what a log claims, or its own where its rows are uneven."""
+CLAIMED, OWN = "claimed", "own"  # Clocks that windows are cut by: what a log claims, or its own where rows are uneven
 
 
 @dataclass
@@ -210,8 +209,7 @@ def feet(jump: Log, robot: Robot, rows: np.ndarray) -> np.ndarray:
     return per_pair(robot, at) / count
 
 
-BALLISTIC_S = 0.2
-"""Before the planned landing: feet may touch down there, so nothing is learned and the deviation flies on freely."""
+BALLISTIC_S = 0.2  # Before the planned landing: feet may touch, so nothing is learned and the deviation flies freely
 SMOOTHED_ROWS = 3  # Before and after each sample, of which the mean is taken against the noise of the sensors
 
 
@@ -221,8 +219,7 @@ class DeviatingJump:
 
     name: str
     steps: PlannedSteps
-    error: np.ndarray
-    """Measured state − planned state at the ends of the steps, the first at the start, (n + 1, 6), m, rad, s."""
+    error: np.ndarray  # Measured − planned state at the ends of the steps, the first at the start, (n + 1, 6), m, rad
     force: np.ndarray  # Mean over each step of the force that the MPC decided − that of the plan, (n, 4), N
     weight: float = 1.0  # How much it counts in a fit
     kicked: int | None = None  # Step in which something sudden moved it, of which nothing is learned; None: none

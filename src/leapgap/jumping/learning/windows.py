@@ -266,8 +266,7 @@ def check(windows: Windows, where: object) -> None:
         raise unfit(where, "steps that end before they begin")
 
 
-KINDS: dict[str, type] = {"jump": int, "start": int, "contact": bool}
-"""Kinds of the values of arrays that are not numbers with a fraction."""
+KINDS: dict[str, type] = {"jump": int, "start": int, "contact": bool}  # Of arrays that hold no fractions
 
 
 def shapes_of(steps: int) -> dict[str, tuple[int, ...]]:

@@ -37,8 +37,7 @@ class AffineModel:
 
     bias: np.ndarray  # (n, 3), m/s² and rad/s²
     by_force: np.ndarray  # (n, 3, 4), per N of front x z, rear x z
-    by_state: np.ndarray | None = None
-    """(n, 3, 6), per unit of the state; None where a model is evaluated at a state, and not linearised there."""
+    by_state: np.ndarray | None = None  # (n, 3, 6), per unit of the state; None where not linearised there
 
     def at(self, which: Any) -> "AffineModel":
         """The moments that a mask or slice selects."""
@@ -89,8 +88,7 @@ def columns(names: Sequence[str], situation: Situation) -> list[Any]:
     return [FEATURES[name](situation) for name in names]
 
 
-KNOWN = 17
-"""Numbers of a situation as one row: state, start, foot, time; x counts from the start, so its place there is 0."""
+KNOWN = 17  # Numbers of a situation as one row: state, start, foot, time; x counts from the start, hence a 0
 KNOWN_FOOT = slice(12, 16)  # Columns of foot − base in such a row
 
 

@@ -20,8 +20,7 @@ from leapgap.jumping.models.rigid_body import RigidBody, rigid_body_of
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
 
-PUBLISHED_SUPPLY_V = 21.5
-"""Voltage that the published planner reckons with; 1 V is 1 rad/s at a joint (``robot.motors``)."""
+PUBLISHED_SUPPLY_V = 21.5  # Voltage that the published planner reckons with; 1 V is 1 rad/s at a joint
 
 
 @dataclass(frozen=True)
@@ -91,13 +90,11 @@ class PlanarRobot:
     front: PlanarLeg = field(default_factory=lambda: published_leg(0.183))
     rear: PlanarLeg = field(default_factory=lambda: published_leg(-0.183))
     foot_radius: float = 0.02  # m; the planner's feet are points, at the centres of the robot's spheres
-    rolling_radius_m: float = 0.0
-    """Radius of feet that roll on the ground as the calf rotates, m; 0: point feet, as published."""
+    rolling_radius_m: float = 0.0  # Radius of feet that roll as the calf rotates, m; 0: point feet, as published
     armature: float = 0.128  # kg·m², inertia of the motors of a pair of joints, seen at the joint
     damping: float = 1.0  # N·m·s/rad, viscous, of a pair of joints
     gravity: float = 9.81  # m/s²
-    speed_per_torque: float = 0.34602
-    """rad/s per N·m at one joint: R / (Kt² gear²) × Kt gear for Kt 4/34, R = 25 Kt², gear 8.5."""
+    speed_per_torque: float = 0.34602  # rad/s per N·m at a joint: R/(Kt gear)² × Kt gear, Kt 4/34, R = 25 Kt², gear 8.5
     no_load_speed: float = PUBLISHED_SUPPLY_V  # rad/s, since gear × Kt = 1; infinite: no torque-speed limit
     torque_limit: tuple[float, float] = (33.5, 33.5)  # N·m, of one thigh and one calf joint
     thigh_range: tuple[float, float] = (-4.1888, 1.047)  # rad, in the planner's sign

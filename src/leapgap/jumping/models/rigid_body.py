@@ -13,8 +13,7 @@ from leapgap.robot.model import Robot
 
 GRAVITY = 9.81  # m/s²
 
-X, Z, PITCH, VX, VZ, PITCH_RATE = range(6)
-"""Layout of the state: position of the base in the world, m, pitch, rad, nose-down, and their rates."""
+X, Z, PITCH, VX, VZ, PITCH_RATE = range(6)  # The state: position of the base, m, pitch, rad, nose-down, and rates
 POSITION, VELOCITY = slice(0, 3), slice(3, 6)
 STATE = ("x", "z", "pitch", "vx", "vz", "pitch_rate")
 
@@ -27,8 +26,7 @@ class RigidBody:
     """
 
     mass_kg: float  # Mass of the whole robot
-    pitch_inertia_kgm2: float
-    """Composite inertia of trunk and legs about the centre of mass, about y, in one pose of the legs."""
+    pitch_inertia_kgm2: float  # Of trunk and legs about the centre of mass, about y, in one pose of the legs
 
     def __post_init__(self) -> None:
         if not (self.mass_kg > 0 and self.pitch_inertia_kgm2 > 0):
@@ -74,8 +72,7 @@ def advance(
     )
 
 
-PUBLISHED = RigidBody(mass_kg=12.0, pitch_inertia_kgm2=0.17)
-"""Rigid body of the published training code, kept as a baseline."""
+PUBLISHED = RigidBody(mass_kg=12.0, pitch_inertia_kgm2=0.17)  # Body of the published training code, as a baseline
 
 
 ROUNDING_TOLERANCE = 0.005  # Largest relative difference between figures rounded to three digits and those of the model
@@ -137,8 +134,7 @@ class PlannedSteps:
     foot: np.ndarray  # Planned foot − base, front x z, rear x z, m, at the start of each, (n, 4)
     pushing: np.ndarray  # Whether the front and the rear pair are planned to push at its start, bool, (n, 2)
     target: Target
-    stance_rad: float = 0.0
-    """Planned pitch of the trunk in the crouch at the start, nose-down: that of the ground under the feet."""
+    stance_rad: float = 0.0  # Planned pitch of the trunk in the crouch at the start, nose-down: that of the ground
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -20,8 +20,7 @@ X, Z, PITCH = 0, 1, 2
 JOINT = slice(3, 7)
 COORDINATES = 7
 
-CROUCH = np.array([-0.4, 0.75, -0.4, 0.75]) * np.pi
-"""Joint angles the published jumps start and end with, rad, in the planner's sign."""
+CROUCH = np.array([-0.4, 0.75, -0.4, 0.75]) * np.pi  # Joint angles of the published crouch, rad, in the planner's sign
 
 
 Scalar = Any  # A float, or a CasADi expression

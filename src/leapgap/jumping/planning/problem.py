@@ -49,8 +49,7 @@ class Limits:
     """Least height of the front feet over where they stood while only the rear ones push, reached by
     ``nlp.SWING_RISE_M`` a knot; feet in the air keep clear of boxes, too. None, as published: planned feet may then
     pass through the floor and through boxes, where those of a real robot would drag or trip."""
-    crouch_before_landing_knots: int = 11
-    """Number of last knots at which the joints are at rest in the crouch, ready to touch down."""
+    crouch_before_landing_knots: int = 11  # Number of last knots at which the joints rest in the crouch, to touch down
 
 
 @dataclass(frozen=True)
@@ -122,8 +121,7 @@ class Problem:
     robot: PlanarRobot = field(default_factory=PlanarRobot)
     weights: Weights = field(default_factory=Weights)
     limits: Limits = field(default_factory=Limits)
-    stance_pitch_rad: float = 0.0
-    """Pitch of the trunk in the crouch at the start: negative where the front feet stand higher."""
+    stance_pitch_rad: float = 0.0  # Pitch of the trunk in the crouch at the start; negative: front feet higher
     aim: Aim = field(default_factory=Aim)
 
     def __post_init__(self) -> None:

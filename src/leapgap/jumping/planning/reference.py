@@ -152,8 +152,7 @@ def positive_zero(values: np.ndarray) -> np.ndarray:
 
 
 PUBLISHED_SCHEDULE = ContactSchedule()
-SAME_LENGTH, SAME_MASS = 0.05, 0.1
-"""Largest relative differences of wheelbase, lengths of links and mass between two models of one robot."""
+SAME_LENGTH, SAME_MASS = 0.05, 0.1  # Largest relative differences of lengths and mass between models of one robot
 
 
 def select_planar_robot(planar: str | None, robot: Robot) -> PlanarRobot:

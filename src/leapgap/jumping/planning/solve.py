@@ -273,8 +273,7 @@ def landing_goal(problem: Problem) -> np.ndarray:
     return np.array([target.x_m + aim.x_m, target.z_m + aim.z_m, aim.pitch_rad])
 
 
-Index = tuple[int, ...]
-"""Coordinates of a node of the lattice: x, z and pitch of the goal, and pitch of the stance, in spacings."""
+Index = tuple[int, ...]  # Coordinates of a node of the lattice: x, z and pitch of the goal, pitch of the stance
 
 HALVINGS = 2  # A step that leads to no plan is halved so many times; each half may be halved again
 
@@ -283,8 +282,7 @@ HALVINGS = 2  # A step that leads to no plan is halved so many times; each half 
 class FamilyConfig:
     """The canonical jump, and the lattice of jumps between it and all others."""
 
-    x_m: float = 0.4
-    """Distance of the canonical jump, which lands level on the floor. Its plan comes from a cold start."""
+    x_m: float = 0.4  # Distance of the canonical jump, which lands level on the floor, planned from a cold start
     spacing: tuple[float, float, float, float] = (0.1, 0.06, 0.1, 0.06)
     """Distance of neighbouring nodes: x, z, pitch of the goal, and pitch of the stance; m, m, rad, rad."""
 

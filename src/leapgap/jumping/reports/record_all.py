@@ -1,10 +1,11 @@
-"""Recordings of all results of the pipeline: which folders are shown, and in which form."""
+"""Recordings of all results of the pipeline: which folders are shown, and in which form; methods as ghosts of one."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -13,16 +14,17 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from leapgap.errors import InputError
-from leapgap.jumping.reports import references
-from leapgap.jumping.reports.method_comparison import comparison_logs, record_comparison
+from leapgap.jumping.task import begin_of
+from leapgap.logs.cutting import rows_between
 from leapgap.logs.log import Log, read_log
+from leapgap.logs.metadata import ROUNDING_S
 from leapgap.reports.log_recording import DIAGNOSED, GHOSTS, JUDGED, add_panels, log_notes, overview, plot, record_jump
 from leapgap.reports.plots import COMPONENTS, Curve, components, log_phases, log_plot
 from leapgap.reports.scene import WORLD, log_scene
 from leapgap.reports.shown_robot import GHOSTS as GHOST_COLOURS
 from leapgap.reports.shown_robot import Colour, Recorder, ShownRobot, recording, shown_robots
 from leapgap.robot.model import Robot
-from leapgap.runtime.atomic_io import read_json, write_text
+from leapgap.runtime.atomic_io import read_json
 
 TRUTH = "measured"
 COLUMNS = ("model", "window", "step", "time", *(part.key for part in COMPONENTS))
@@ -129,6 +131,47 @@ def log_predicted_base(
             log_plot(to, f"base/{part.key}/{model}", shown.time, [curve])
 
 
+def comparison_logs(runs: Path, methods: Sequence[str]) -> dict[str, list[Path]]:
+    """Logs of these methods' first runs by task, as stage ``land`` keeps them, in the order of the methods."""
+    found: dict[str, list[Path]] = {}
+    for method in methods:
+        for path in sorted((runs / method).glob("*_0.parquet")):
+            found.setdefault(path.stem.removesuffix("_0"), []).append(path)
+    return dict(sorted(found.items()))
+
+
+def record_comparison(path: Path, task: str, logs: Sequence[Path], robot: Robot) -> None:
+    """Write the methods' runs of a task as one recording; the figures of each log are in a JSON file beside it.
+
+    All runs are shown from where their first jump begins, since some methods stand before it.
+    """
+    runs: dict[str, tuple[Log, Mapping[str, Any]]] = {}
+    for one in logs:
+        log, kept = read_log(one), read_json(one.with_suffix(".json"))
+        if begin_s := begin_of(log):
+            row = int(np.searchsorted(log.time, begin_s - ROUNDING_S))
+            substituted = [[time_s - begin_s, reason] for time_s, reason in kept["substituted"]]
+            log, kept = rows_between(log, row, len(log), log.name), {**kept, "substituted": substituted}
+        runs[one.parent.name] = log, kept
+    says = []
+    for method, (_, kept) in runs.items():
+        landed = [f"{one['error_cm']:+.1f} cm{'' if one['success'] else ' (failed)'}" for one in kept["landings"]]
+        fallbacks = ", ".join(f"{count} × {reason}" for reason, count in kept["fallbacks"].items())
+        where = f"{', '.join(landed) or 'no jump'} (positive is short)"
+        says.append(f"**{method}**: {where}; substitutes: {fallbacks or 'none'}")
+    (first, (main, _)), *others = runs.items()
+    record_jump(
+        path,
+        main,
+        robot,
+        {name: log for name, (log, _) in others},
+        title=f"landing {task}",
+        label=first,
+        says="  \n".join(says),
+        substitutes={name: kept["substituted"] for name, (_, kept) in runs.items() if kept["substituted"]},
+    )
+
+
 @dataclass(frozen=True)
 class View:
     """Section ``view`` of the configuration; folders that are missing or empty are skipped, and those that are None."""
@@ -157,11 +200,6 @@ class View:
 
 def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
     """Write every recording into ``out``; yields one line for each kind: what was written or skipped."""
-    if view.references is not None:
-        index = Path(view.references) / "references.json"
-        if index.is_file():
-            write_text(out / "references.html", references.html(index.parent, robot))
-        yield describe_recordings("references.html", view.references, int(index.is_file()), 1)
     for kind, label, folder, replays in (
         ("reference", "reference", view.references, None),
         ("simulated", "simulated", view.simulated, None),
@@ -223,11 +261,11 @@ def record_all(view: View, robot: Robot, out: Path) -> Iterator[str]:
                 shown=view.models or None,
             )
         yield describe_recordings(f"prediction_{kind}", folder, len(tables), view.most_predictions)
-    if view.landings is None or view.references is None:
+    if view.landings is None:
         return
     found = comparison_logs(Path(view.landings), view.landing_methods)
     for task, logs in islice(found.items(), view.most_landings):
-        record_comparison(out / f"landing_{task}.rrd", task, logs, robot, Path(view.references))
+        record_comparison(out / f"landing_{task}.rrd", task, logs, robot)
     yield describe_recordings("landing", view.landings, len(found), view.most_landings)
 
 

@@ -52,8 +52,7 @@ class Source:
     figures: Mapping[str, str] = field(default_factory=dict)
     """Words → template of their value (``Shown``); where its key begins with ``?``, a file may lack it."""
     ranked: Ranked | None = None
-    pages: Mapping[str, str] = field(default_factory=dict)
-    """Files below ``data`` by what they are; those that do not exist are left out."""
+    pages: Mapping[str, str] = field(default_factory=dict)  # Files below ``data`` by what they are, if they exist
     report: str | None = None  # Folder of a diagnosis below ``data``, whose sentence is shown
 
 
@@ -111,7 +110,7 @@ LANDED = Ranked("mean_abs_error_cm", "cm", "mean size of the landing error, {}",
 SOURCES = (
     Source(
         "References", "Jumps planned by full-body trajectory optimisation.", "references_own.json",
-        "dvc repro optimize@own", PLANNED, Ranked("cost", "cost"), {"page": "views/references.html"},
+        "dvc repro optimize@own", PLANNED, Ranked("cost", "cost"),
     ),
     Source(
         "Learned models, simulated jumps", "Residual models and their rivals predict jumps that they have not seen.",

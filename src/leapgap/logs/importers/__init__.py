@@ -7,8 +7,7 @@ from leapgap.errors import InputError, did_you_mean
 from leapgap.logs.importers.base import LogFormat
 from leapgap.registry import classes_by_name
 
-ENTRY_POINTS = "leapgap.log_formats"
-"""Entry point group under which other packages register formats."""
+ENTRY_POINTS = "leapgap.log_formats"  # entry point group under which other packages register formats
 
 
 @cache

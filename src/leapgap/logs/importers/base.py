@@ -12,8 +12,7 @@ class LogFormat(ABC):
     """One log format. A subclass is one file here, or an entry point of another package."""
 
     name: ClassVar[str]
-    Options: ClassVar[type]
-    """Dataclass of options: what the files themselves do not state."""
+    Options: ClassVar[type]  # dataclass of options: what the files themselves do not state
 
     @abstractmethod
     def find(self, source: Path) -> dict[str, Path]:

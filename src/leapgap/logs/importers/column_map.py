@@ -15,8 +15,7 @@ from leapgap.robot.model import Robot
 from leapgap.robot.stated_joints import Tie, tied_joints
 
 TURN, INCH, FOOT, POUND, GRAVITY = 2 * math.pi, 0.0254, 0.3048, 4.4482216152605, 9.80665
-FINE = {"decideg": TURN / 3600, "centideg": TURN / 36000, "tick4096": TURN / 4096}
-"""What drives count angles in."""
+FINE = {"decideg": TURN / 3600, "centideg": TURN / 36000, "tick4096": TURN / 4096}  # what drives count angles in
 UNITS: dict[str, dict[str, float]] = {
     "s": {"s": 1, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60},
     "rad": {"rad": 1, "mrad": 1e-3, "deg": TURN / 360, "rev": TURN} | FINE,
@@ -84,8 +83,7 @@ class ColumnMap:
     """Our name → the unit in the file, such as ``joint_pos/*: deg``, ``joint_vel/*: rpm``, ``time: us``."""
     factors: dict[str, Any] = field(default_factory=dict)
     """Our name → factor of the file's values, one number or a list with one a joint, such as signs or gear ratios."""
-    offsets: dict[str, Any] = field(default_factory=dict)
-    """Our name → what is then added, in our unit; one number or a list with one a joint."""
+    offsets: dict[str, Any] = field(default_factory=dict)  # our name → what is then added, in our unit, likewise
     constants: dict[str, Any] = field(default_factory=dict)
     """Our name → one value for all rows, such as ``cmd_kp/*: 300``, or a list with one a joint."""
     joint_names: dict[str, str] = field(default_factory=dict)
@@ -193,10 +191,8 @@ class Expansion:
     options: ColumnMap
     robot: Robot
     where: str
-    without: frozenset[str] = frozenset()
-    """Joints that ``*`` does not stand for: they are not in the table."""
-    first: int = 0
-    """The number of the first joint of ``joint_order``."""
+    without: frozenset[str] = frozenset()  # joints that ``*`` does not stand for: they are not in the table
+    first: int = 0  # the number of the first joint of ``joint_order``
 
     def __post_init__(self) -> None:
         unknown = {*self.options.joint_names.values(), *self.options.joint_order} - set(self.robot.joints)
@@ -259,7 +255,8 @@ class Expansion:
         written: dict[str, dict[str, float]] = {}
         for key, value in sorted(self.options.columns.items(), key=lambda one: ANY_JOINT not in one[0]):
             terms = {value: 1.0} if isinstance(value, str) else value
-            if not isinstance(terms, Mapping) or not terms or not all(map(is_term, terms.items())):
+            sound = isinstance(terms, Mapping) and all(isinstance(c, str) and is_number(f) for c, f in terms.items())
+            if not terms or not sound:
                 expected = "the name of a column, or a mapping from names to factors"
                 raise InputError(f"{self.where}.columns, {key}", repr(value), expected, "correct it")
             for joint in self.joints if ANY_JOINT in key else ("",):
@@ -268,12 +265,6 @@ class Expansion:
                     column.replace(ANY_JOINT, name): float(factor) for column, factor in terms.items()
                 }
         return written
-
-
-def is_term(term: tuple[Any, Any]) -> bool:
-    """Whether an item of a sum is a column's name with a number."""
-    column, factor = term
-    return isinstance(column, str) and is_number(factor)
 
 
 def is_number(value: Any) -> bool:

@@ -15,22 +15,17 @@ from leapgap.logs.importers.table_format import TableFormat, TableOptions
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size, stacked
 
 CHUNK_BYTES = 1 << 20
-PACKED = ("gz", "bz2", "zst", "lz4")
-"""Endings of packed files, which pyarrow unpacks."""
+PACKED = ("gz", "bz2", "zst", "lz4")  # endings of packed files, which pyarrow unpacks
 
 
 @dataclass(frozen=True)
 class CsvOptions(TableOptions):
     """How a text table is written, beside which column is which."""
 
-    delimiter: str = ","
-    """What separates the cells of a row, such as ``;`` or a tab."""
-    decimal_point: str = "."
-    """What separates the decimals of a number: a point, or a comma."""
-    header: bool = True
-    """Whether the first row names the columns; else they are called 0, 1, 2, …"""
-    skip_rows: int = 0
-    """Lines before the header or the first row."""
+    delimiter: str = ","  # what separates the cells of a row, such as ``;`` or a tab
+    decimal_point: str = "."  # what separates the decimals of a number: a point, or a comma
+    header: bool = True  # whether the first row names the columns; else they are called 0, 1, 2, …
+    skip_rows: int = 0  # lines before the header or the first row
 
 
 class Csv(TableFormat):

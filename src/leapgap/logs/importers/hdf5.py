@@ -13,12 +13,10 @@ from leapgap.logs.files import MOST_UNPACKED, inflated_size, unpack
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size, fields, flat, product
 
-DEFLATE, SHUFFLE, CHECKSUM = 1, 2, 3
-"""Numbers of HDF5's own filters: the first packs, and the others do not."""
+DEFLATE, SHUFFLE, CHECKSUM = 1, 2, 3  # numbers of HDF5's own filters: the first packs, and the others do not
 SMALL_PIECE, LARGEST_PIECE = 1 << 16, 1 << 24
 """Bytes of a packed piece that cannot unpack to much, and of one that is unpacked without a trial."""
-DEEPEST, MOST_ITEMS = 16, 100_000
-"""Levels of groups, and groups and datasets of all levels, that are looked at."""
+DEEPEST, MOST_ITEMS = 16, 100_000  # levels of groups, and groups and datasets of all levels, that are looked at
 
 
 class Hdf5(TableFormat):

@@ -11,8 +11,7 @@ from leapgap.errors import InputError
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size, flat
 
-BYTES_A_VALUE = 2
-"""A digit and a comma: no file holds more values than its size over this."""
+BYTES_A_VALUE = 2  # a digit and a comma: no file holds more values than its size over this
 
 
 class Json(TableFormat):

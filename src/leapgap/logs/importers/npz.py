@@ -16,8 +16,7 @@ from leapgap.logs.files import MOST_BYTES, Bounded, member
 from leapgap.logs.importers.table_format import TableFormat
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size, fields, flat, product
 
-HEADER_BYTES = 100_000
-"""Most bytes in which an array states its shape and type."""
+HEADER_BYTES = 100_000  # most bytes in which an array states its shape and type
 
 
 class Npz(TableFormat):
@@ -67,8 +66,7 @@ DTYPES = {
     "ByteStorage": "u1",
     "BoolStorage": "?",
 }
-LARGEST_PICKLE = 10_000_000
-"""Bytes of ``data.pkl``; that of a thousand tensors has a hundredth of it."""
+LARGEST_PICKLE = 10_000_000  # bytes of ``data.pkl``; that of a thousand tensors has a hundredth of it
 
 
 class Pt(TableFormat):

@@ -93,10 +93,8 @@ def cells(column: pa.ChunkedArray, where: str) -> np.ndarray:
 
 INFO, EPISODE = "meta/info.json", "episode_index"
 VERSIONS = ("v2", "v3")
-POSITION, GRIPPER = ".pos", "gripper"
-"""End of the names of positions, and of the joint whose range goes from 0 to 100."""
-TICKS = 4095
-"""What LeRobot divides a turn into where it turns ticks of a motor into degrees."""
+POSITION, GRIPPER = ".pos", "gripper"  # end of the names of positions, and of the joint whose range goes from 0 to 100
+TICKS = 4095  # what LeRobot divides a turn into where it turns ticks of a motor into degrees
 NORMALISED = re.compile(r"so_?10[01]|koch|lekiwi|omx|hope_?jr")
 """Types of robots that LeRobot records as shares of their range unless told otherwise."""
 
@@ -105,8 +103,7 @@ NORMALISED = re.compile(r"so_?10[01]|koch|lekiwi|omx|hope_?jr")
 class LeRobotOptions(TableOptions):
     """Options of LeRobot datasets. Without a map of its own, ``time`` is their ``timestamp``."""
 
-    cut_by: str | None = EPISODE
-    """The column that cuts the dataset into logs."""
+    cut_by: str | None = EPISODE  # the column that cuts the dataset into logs
     calibration: str | None = None
     """LeRobot's calibration file of the robot, JSON, where positions are shares of each joint's range: they then come
     in degrees from the middle of that range, those of a gripper from its closed end."""

@@ -30,16 +30,13 @@ TIME = "time"
 NAME_FIELDS = ("name", "names", "joint_names")
 """Fields with the names of joints: arrays of the same length beside them are addressed by these names."""
 METADATA = "metadata.yaml"
-FEWEST = 10
-"""Messages of a topic below which it is no stream."""
+FEWEST = 10  # messages of a topic below which it is no stream
 MOST_TIMES, LARGEST_PIECE = 100, 1 << 28
 """How many times the size of its files a recording may have when it is unpacked, and bytes of one packed piece."""
-LONGEST = 1000
-"""Items of an array in a message that can be addressed: motors and feet, no pixels."""
+LONGEST = 1000  # items of an array in a message that can be addressed: motors and feet, no pixels
 
 Step = str | int
-Getter = tuple[Step, ...]
-"""How a value is reached in a message: fields by name, items by index."""
+Getter = tuple[Step, ...]  # how a value is reached in a message: fields by name, items by index
 
 
 @dataclass(frozen=True)
@@ -47,10 +44,8 @@ class RosOptions(TableOptions):
     """Options of ROS recordings. Theirs are called ``/topic/field.field[index]``, in messages with names of joints
     ``/joint_states/position[knee]``."""
 
-    clock: str | None = None
-    """The topic whose messages are the rows; none: the one that measured positions of joints come from."""
-    stamps: str = RECEIVED
-    """Times of the messages: when they were ``received``, or as ``stamped`` in their headers."""
+    clock: str | None = None  # topic whose messages are the rows; none: that of measured positions of joints
+    stamps: str = RECEIVED  # times of the messages: when they were ``received``, or as ``stamped`` in their headers
     message_files: list[str] = field(default_factory=list)
     """Definitions of messages (``package/msg/Name.msg``), for an SQLite recording that does not hold them itself."""
 

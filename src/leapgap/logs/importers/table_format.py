@@ -27,8 +27,7 @@ REFUSE, DROP = "refuse", "drop"
 LEAVE_OUT, FIT = "leave_out", "fit"
 LOGGED, UNKNOWN = "logged", "unknown"
 GAINS = ("cmd_kp", "cmd_kd")
-LONGEST_NAME = 100
-"""Bytes of the name of a piece, which becomes part of the name of a file."""
+LONGEST_NAME = 100  # bytes of the name of a piece, which becomes part of the name of a file
 
 
 @dataclass(frozen=True)
@@ -38,55 +37,39 @@ class TableOptions(ColumnMap):
     period_s: float | None = None
     """Stated period of the rows. The time stamps are the clock and must agree with it on average within 2 %; where
     there is none, the rows are this far apart."""
-    repeated_times: str = REFUSE
-    """``refuse`` time stamps that do not increase, or ``drop`` these rows and say so in the log."""
-    resample_s: float | None = None
-    """Period of an even clock that the log is brought to; none: its own instants, even or not."""
-    steps: str | None = None
-    """Where there is no time: a column with the length of each row's step, which add up to it, in ``units.time``."""
+    repeated_times: str = REFUSE  # ``refuse`` time stamps that do not increase, or ``drop`` their rows and say so
+    resample_s: float | None = None  # period of an even clock that the log is brought to; none: its own instants
+    steps: str | None = None  # without a time: a column with each row's step, which add up, in ``units.time``
     gains: str = LOGGED
     """``logged``, or ``unknown``: not in the file, or in the drive's own units. The log then has those that are mapped,
     else those of the model's position servos, as a start, and says that they are unknown."""
-    velocities: str = LEAVE_OUT
-    """Velocities that are not in the file: ``leave_out``, or ``fit`` polynomials through the positions."""
-    velocity_window_s: float = 0.03
-    """Length of the window in which such a polynomial is fitted."""
+    velocities: str = LEAVE_OUT  # velocities that are not in the file: ``leave_out``, or ``fit`` through positions
+    velocity_window_s: float = 0.03  # length of the window in which such a polynomial is fitted
     pieces: list[Segment] = field(default_factory=list)
     """Several logs out of one file, by its time from its first row: their names, begins and ends."""
-    piece_s: float | None = None
-    """Logs of this length out of each file, or out of each run of ``cut_by``; a shorter rest is left out."""
-    cut_by: str | None = None
-    """A column that cuts the file: each run of equal values is a log."""
-    cut_values: list[Any] = field(default_factory=list)
-    """The values of that column that are kept, numbers or texts; none: all."""
+    piece_s: float | None = None  # length of logs out of each file, or run of ``cut_by``; a rest is left out
+    cut_by: str | None = None  # a column that cuts the file: each run of equal values is a log
+    cut_values: list[Any] = field(default_factory=list)  # values of that column that are kept; none: all
     drop_rows: dict[str, list[Any]] = field(default_factory=dict)
     """A column of the file → values, numbers or texts, with which a row is left out."""
-    least_rows: int = 10
-    """Runs and pieces with fewer rows are left out."""
-    most_rows: int | None = None
-    """Files with more rows are refused; none: what fits into 4 GB."""
+    least_rows: int = 10  # runs and pieces with fewer rows are left out
+    most_rows: int | None = None  # files with more rows are refused; none: what fits into 4 GB
     segments: list[Segment] = field(default_factory=list)
     """Named intervals of each log; none: equal parts of its time, or the phases of a jump's ``schedule``."""
-    schedule: dict[str, float] | None = None
-    """For logs of jumps: ``double_contact_s``, ``rear_contact_s``, ``flight_s``."""
-    target_x_m: float = 0.0
-    """For logs of jumps: how far ahead of its start the robot was meant to land."""
+    schedule: dict[str, float] | None = None  # of jumps: ``double_contact_s``, ``rear_contact_s``, ``flight_s``
+    target_x_m: float = 0.0  # for logs of jumps: how far ahead of its start the robot was meant to land
     target_z_m: float = 0.0
 
 
 class TableFormat(LogFormat):
     """A format whose files are read as named arrays. A subclass says which files, and reads one."""
 
-    suffixes: ClassVar[tuple[str, ...]]
-    """Endings of its files."""
-    holds: ClassVar[str] = "table"
-    """What one file is, as in ``no readable HDF5``."""
-    repair: ClassVar[str] = "export it again"
-    """What to do where it cannot be read."""
+    suffixes: ClassVar[tuple[str, ...]]  # endings of its files
+    holds: ClassVar[str] = "table"  # what one file is, as in ``no readable HDF5``
+    repair: ClassVar[str] = "export it again"  # what to do where it cannot be read
     Options: ClassVar[type] = TableOptions
     columns: ClassVar[Mapping[str, str]] = {}
-    units: ClassVar[Mapping[str, str]] = {}
-    """Parts of the map that the layout itself has, where the options map no time."""
+    units: ClassVar[Mapping[str, str]] = {}  # parts of the map that the layout itself has, where options map no time
 
     @abstractmethod
     def read_table(self, path: Path, options: Any, wanted: Wanted) -> Arrays:

@@ -15,14 +15,11 @@ from leapgap.errors import InputError
 from leapgap.logs.files import MOST_BYTES, check_values_fit
 
 MOST_DIMENSIONS = 2
-DEEPEST, MOST_COLUMNS = 16, 10_000
-"""Mappings in mappings, and columns of one file, that are looked at."""
-INDEXED = re.compile(r"^(?P<array>.+)\[(?P<index>\d+(?:,\d+)*)\]$")
-"""``dof_pos[3]``: the fourth column of an array."""
+DEEPEST, MOST_COLUMNS = 16, 10_000  # mappings in mappings, and columns of one file, that are looked at
+INDEXED = re.compile(r"^(?P<array>.+)\[(?P<index>\d+(?:,\d+)*)\]$")  # ``dof_pos[3]``: the fourth column of an array
 
 Arrays = Mapping[str, np.ndarray]
-Wanted = Callable[[str], bool]
-"""Whether an array is needed. A reader may leave out what is not."""
+Wanted = Callable[[str], bool]  # Whether an array is needed. A reader may leave out what is not.
 
 
 def check_size(path: object, values: float, rows: float = 0, most_rows: int | None = None) -> None:

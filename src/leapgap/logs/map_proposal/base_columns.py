@@ -27,14 +27,11 @@ from leapgap.logs.map_proposal.unit_readings import nearest
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
 from leapgap.robot.rotations import continuous, upright_cosine
 
-ORDERS = {"w x y z": (0, 1, 2, 3), "x y z w": (3, 0, 1, 2)}
-"""Order of the columns → indices of w, x, y, z in them."""
-UNLIKE = 0.6
-"""Correlation below which a quaternion does not turn as a gyro says."""
+ORDERS = {"w x y z": (0, 1, 2, 3), "x y z w": (3, 0, 1, 2)}  # order of the columns → indices of w, x, y, z in them
+UNLIKE = 0.6  # correlation below which a quaternion does not turn as a gyro says
 NEAR, APART = 0.15, 0.35
 """Distance of two directions of gravity, of length 1, up to which they are the same; and from which on they are not."""
-UPRIGHT = 0.7
-"""Cosine of the largest tilt of a base that stands."""
+UPRIGHT = 0.7  # cosine of the largest tilt of a base that stands
 FEWEST = 40
 
 
@@ -43,10 +40,8 @@ class Attitude:
     """One reading of four columns as an attitude, and how sure it is."""
 
     columns: tuple[str, ...]
-    order: tuple[int, ...]
-    """Indices of w, x, y, z in the columns."""
-    inverse: bool = False
-    """Whether it turns axes of the world into those of the base, the inverse of what a log holds."""
+    order: tuple[int, ...]  # indices of w, x, y, z in the columns
+    inverse: bool = False  # whether it turns axes of the world into those of the base, the inverse of what a log holds
     known: str = GUESSED
     why: str = "nothing decides it"
 
@@ -55,11 +50,6 @@ class Attitude:
         """The order in words."""
         order = next(words for words, order in ORDERS.items() if order == self.order)
         return f"{order}, world to base, which is turned round" if self.inverse else order
-
-    @property
-    def is_straight(self) -> bool:
-        """Whether the columns are w x y z, base to world, as they stand."""
-        return self.order == ORDERS["w x y z"] and not self.inverse
 
     def of(self, values: np.ndarray) -> np.ndarray:
         """Quaternions w x y z, base to world, of length 1, from the columns, (rows, 4)."""
@@ -172,8 +162,7 @@ def own_rate(attitude: Attitude, found: Mapping[str, Sequence[str]], evidence: E
     return True, of_base, float(size[0])
 
 
-GRAVITY_OF_BASE = "gravity"
-"""Direction of gravity in base axes, of length 1: no quantity of a log, but it tells the attitude."""
+GRAVITY_OF_BASE = "gravity"  # direction of gravity in base axes, of length 1: in no log, but it tells the attitude
 WORDS = {
     "base_quat": {"quat", "quaternion", "orientation"},
     "base_angvel": {"gyro", "gyroscope", "angvel", "angular"},
@@ -189,8 +178,7 @@ PAIRS = {("ang", "vel"): "base_angvel", ("lin", "vel"): "base_linvel", ("lin", "
 """Words that name a quantity of the base together."""
 BODIES = {"base", "trunk", "body", "pelvis", "root", "torso", "odom", "imu", "pose"}
 """Words one of which must stand beside a position or a velocity, for joints have those too."""
-FAST = 15.0
-"""Rates of a base, rad/s, above which they are rather in degrees."""
+FAST = 15.0  # rates of a base, rad/s, above which they are rather in degrees
 LAST = re.compile(r"^(.*?)(?:\[(\d)\]|[._/]?([wxyzWXYZ]|\d))$")
 COLUMNS = {
     "base_quat": BASE_QUATERNION,
@@ -231,7 +219,7 @@ def find_base(columns: Sequence[str], evidence: Evidence, proposal: Proposal) ->
     if "base_quat" in found:
         named = {"w", "x"} <= {column[-1].lower() for column in found["base_quat"]}
         attitude = attitude_by_physics(found, GRAVITY_OF_BASE, evidence, named)
-        if not named or not attitude.is_straight:
+        if not named or attitude.inverse or attitude.order != ORDERS["w x y z"]:
             known = SURE if attitude.known == SURE and evidence.time_known == SURE else GUESSED
             proposal.say(known, f"the quaternion of the base is {attitude.words}: {attitude.why}")
         found["base_quat"] = [attitude.columns[i] for i in attitude.order]

@@ -10,23 +10,16 @@ import numpy as np
 from leapgap.logs.importers.tables import Table
 from leapgap.robot.model import Robot
 
-MOST_ROWS = 20_000
-"""Rows that are looked at: patterns show in a part of a long log."""
+MOST_ROWS = 20_000  # rows that are looked at: patterns show in a part of a long log
 MOST_MEANT, SPAN_S = 10, 0.1
 """Rows, and at most so many s, over which rates are means: ticks of encoders are then small, and motions are not."""
-CLEAR = 0.8
-"""Correlation from which on two columns belong together."""
-BETTER = 0.1
-"""Another order, or the opposite sign, must be better by this much."""
-LATEST = 0.25
-"""What the longest delay that is tried costs of a correlation: of two explanations the faster one is believed."""
+CLEAR = 0.8  # correlation from which on two columns belong together
+BETTER = 0.1  # another order, or the opposite sign, must be better by this much
+LATEST = 0.25  # what the longest delay costs of a correlation: of two explanations the faster one is believed
 DELAYS = 12
-MARGIN_RAD = 0.1
-"""Positions may lie beyond the limits by this much: play, soft stops."""
-TURN_RAD = 2 * math.pi - 0.2
-"""Limits that are further apart are no stops: the joint may turn over, whatever the model file says."""
-SPUN_RAD = 3 * math.pi
-"""A joint without stops that is further from zero is rather one of another unit."""
+MARGIN_RAD = 0.1  # positions may lie beyond the limits by this much: play, soft stops
+TURN_RAD = 2 * math.pi - 0.2  # limits further apart are no stops: the joint may turn over, whatever the file says
+SPUN_RAD = 3 * math.pi  # a joint without stops that is further from zero is rather one of another unit
 
 
 def usable_rows(clock: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -64,8 +57,7 @@ class Gains:
 
     kp: float
     kd: float
-    explained: float
-    """Share of the torque's variance that it explains."""
+    explained: float  # share of the torque's variance that it explains
 
 
 def fit_gains(torque: np.ndarray, error: np.ndarray, rate_error: np.ndarray, sent: np.ndarray | None) -> Gains:
@@ -81,16 +73,11 @@ def fit_gains(torque: np.ndarray, error: np.ndarray, rate_error: np.ndarray, sen
 class Match:
     """How columns of one table go with those of another, one value for each of the first."""
 
-    of: np.ndarray
-    """Index of the column of the second table."""
-    sign: np.ndarray
-    """−1 where that is a mirror image, else 1."""
-    lag: np.ndarray
-    """How many rows later the second one is."""
-    correlation: np.ndarray
-    """At that lag and with that sign."""
-    clear: np.ndarray
-    """Whether the two belong together; False where the first does not move."""
+    of: np.ndarray  # index of the column of the second table
+    sign: np.ndarray  # −1 where that is a mirror image, else 1
+    lag: np.ndarray  # how many rows later the second one is
+    correlation: np.ndarray  # at that lag and with that sign
+    clear: np.ndarray  # whether the two belong together; False where the first does not move
 
     @property
     def moved(self) -> bool:
@@ -160,8 +147,7 @@ def correlations(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 SURE, GUESSED, MISSING, ABSENT, UNUSED = "sure", "guessed", "missing", "absent", "unused"
 """How a part of a map is known. Sure: evidence rules out every other reading. Missing: a question that has to be
 answered before anything is imported. Absent: not in the logs, or left out of the map; an import goes on without it."""
-ASKED = "?"
-"""Stands for a unit that has to be stated; no import takes it."""
+ASKED = "?"  # stands for a unit that has to be stated; no import takes it
 
 
 @dataclass
@@ -169,8 +155,7 @@ class Proposal:
     """A map in the making; it becomes options of an import when a person passes it."""
 
     options: dict[str, Any] = field(default_factory=dict)
-    notes: list[tuple[str, str]] = field(default_factory=list)
-    """How a part of the map is known, and a sentence."""
+    notes: list[tuple[str, str]] = field(default_factory=list)  # how a part of the map is known, and a sentence
 
     def say(self, kind: str, sentence: str) -> None:
         """Note how sure a part of the map is, or what it leaves out, in a sentence."""
@@ -206,28 +191,19 @@ class Evidence:
     robot: Robot
     stated: Mapping[str, Any] = field(default_factory=dict)
     """What the files say of themselves: ``period_s`` of the rows, ``unit`` of the positions."""
-    instants: np.ndarray | None = None
-    """The clock in its own unit, (rows,), and the units that it may be in, the likeliest first."""
+    instants: np.ndarray | None = None  # clock in its own unit, (rows,), and the units it may be in, likeliest first
     time_units: Sequence[str] = ()
-    time: np.ndarray | None = None
-    """The same in s, by the unit that was chosen."""
+    time: np.ndarray | None = None  # the same in s, by the unit that was chosen
     time_known: str = GUESSED
-    values: dict[str, np.ndarray] = field(default_factory=dict)
-    """Quantity → (rows, joints), SI, as far as known."""
-    order: Sequence[str] = ()
-    """The robot's joints in the order of columns that name none."""
+    values: dict[str, np.ndarray] = field(default_factory=dict)  # quantity → (rows, joints), SI, as far as known
+    order: Sequence[str] = ()  # the robot's joints in the order of columns that name none
     order_words: str = ""
-    their_joints: list[str] | None = None
-    """What the first family calls our joints, in our order: what ``*`` stands for in their names."""
-    named: set[str] = field(default_factory=set)
-    """Quantities whose columns name the robot's joints."""
-    unplaced: set[str] = field(default_factory=set)
-    """Quantities with columns of which nobody can say which joint each is of."""
+    their_joints: list[str] | None = None  # what the first family calls our joints, in our order: their ``*``
+    named: set[str] = field(default_factory=set)  # quantities whose columns name the robot's joints
+    unplaced: set[str] = field(default_factory=set)  # quantities with columns of which nobody can say whose each is
     position_unit: str = "rad"
-    certainty: str = GUESSED
-    """How sure that unit is: what follows from it is no surer."""
-    torque_alone: bool = False
-    """Whether the torques that were sent explain the measured ones, so that no joint PD acts beside them."""
+    certainty: str = GUESSED  # how sure that unit is: what follows from it is no surer
+    torque_alone: bool = False  # whether torques that were sent explain the measured ones: no joint PD beside
 
     def no_surer(self, *others: str) -> str:
         """Sure where the unit of the positions and all others are, else a guess."""

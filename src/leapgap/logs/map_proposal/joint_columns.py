@@ -47,13 +47,10 @@ class Family:
     """Columns whose names differ in one part, such as ``q_*``: one quantity, a column for each joint."""
 
     template: str
-    members: dict[str, str]
-    """What stands for ``*`` → the column, in the order of the file."""
-    joints: dict[str, str]
-    """What stands for ``*`` → the joint of the robot that it names; empty where it is a number or another word."""
+    members: dict[str, str]  # what stands for ``*`` → the column, in the order of the file
+    joints: dict[str, str]  # what stands for ``*`` → the joint that it names; empty where numbers or other words do
     quantity: str
-    preference: int
-    """More of it: rather this family for its quantity."""
+    preference: int  # more of it: rather this family for its quantity
 
     @property
     def numbered(self) -> bool:

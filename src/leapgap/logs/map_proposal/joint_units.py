@@ -38,16 +38,11 @@ from leapgap.logs.map_proposal.unit_readings import (
 )
 
 GRIPPER = "gripper"
-ODD = 0.3
-"""Logarithm of a ratio that is no longer noise."""
-LATE_VELOCITY_S, LATE_ROBOT_S = 0.15, 0.3
-"""How late velocities may come after the motion, and a robot after its set points."""
-EXACT = 0.95
-"""Correlation of velocities with rates of positions from which on a factor between them is believed."""
-NEAR = 1.0
-"""A factor this near to that of a unit, relatively, is nearer to it than to another."""
-FAR_RAD = 0.35
-"""Set points that the joints follow from further away, rad, and by more than they move, count from another zero."""
+ODD = 0.3  # logarithm of a ratio that is no longer noise
+LATE_VELOCITY_S, LATE_ROBOT_S = 0.15, 0.3  # how late velocities may come after motion, and a robot after set points
+EXACT = 0.95  # correlation of velocities with rates of positions from which on a factor between them is believed
+NEAR = 1.0  # a factor this near to that of a unit, relatively, is nearer to it than to another
+FAR_RAD = 0.35  # set points further away, rad, and by more than the joints move, count from another zero
 UNIT_WORDS = {"deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "radians": "rad"}
 UNIT_WORDS |= {"mrad": "mrad", "rev": "rev", "turns": "rev", "tick": TICKS, "ticks": TICKS}
 
@@ -185,8 +180,7 @@ def rows_step(clock: np.ndarray, evidence: Evidence) -> float:
     return float(np.median(np.diff(clock))) * UNITS["s"][evidence.time_units[0]]
 
 
-LEAST_ROWS = 40
-"""Rows below which no rates are looked at."""
+LEAST_ROWS = 40  # rows below which no rates are looked at
 
 
 def numbers_of(evidence: Evidence) -> JointNumbers:

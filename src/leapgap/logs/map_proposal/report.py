@@ -29,14 +29,11 @@ PARTS = (
     *("joint_names", "columns", "units", "factors", "offsets", "constants", "gains"),
     *("period_s", "steps", "repeated_times", "cut_by"),
 )
-MOST_COLUMNS = 10_000
-"""Columns from which a map is proposed."""
+MOST_COLUMNS = 10_000  # columns from which a map is proposed
 DELIMITERS, COMMENTS = (";", "\t", " "), ("#", "%")
 DECIMAL_COMMA = re.compile(r"\d,\d")
-MOST_FILES = 5
-"""Files that a question names."""
-LONGEST_LINE = 1_000_000
-"""Bytes of the first lines that are looked at."""
+MOST_FILES = 5  # files that a question names
+LONGEST_LINE = 1_000_000  # bytes of the first lines that are looked at
 
 
 @dataclass(frozen=True)

@@ -36,10 +36,8 @@ from leapgap.logs.map_proposal.unit_readings import find_time, judge_time
 from leapgap.robot.model import Robot
 from leapgap.robot.stated_joints import Tie, servo_gains, tied_joints
 
-SAME_TORQUE = 0.3
-"""Measured over sent torque may depart from 1 by this much: motors are weak, currents are poor torque sensors."""
-TOO_STRONG = 5.0
-"""Torques that are most of the time so many times those that a motor of the model can give are of another unit."""
+SAME_TORQUE = 0.3  # measured over sent torque may be off 1 by this: motors are weak, currents poor torque sensors
+TOO_STRONG = 5.0  # torques mostly so many times those that a motor of the model can give are of another unit
 
 
 def judge_torques(evidence: Evidence, proposal: Proposal) -> None:
@@ -211,8 +209,7 @@ def values_of(one: Family, key: str, tie: Tie, table: Table) -> np.ndarray:
 
 
 NUMBER = re.compile(r"\d+")
-MOST_NAMED = 20
-"""Unused columns that are named."""
+MOST_NAMED = 20  # unused columns that are named
 
 
 def propose(table: Table, robot: Robot, stated: Mapping[str, Any]) -> Proposal:

@@ -29,30 +29,22 @@ from leapgap.robot.model import Robot
 
 NORMALISED, PERCENT = "−100…100 of each joint's range", "0…100 of each joint's range"
 TICKS = "tick4096"
-FASTEST, LEAST_RAD = 300.0, 0.1
-"""No joint of a robot is faster most of the time, rad/s; in most logs some joint moves by more, rad."""
+FASTEST, LEAST_RAD = 300.0, 0.1  # no joint is faster most of the time, rad/s; mostly some joint moves by more, rad
 USUAL_SPEED = 2.0
-SAME = 0.15
-"""Two factors this near to each other, relatively, are the same."""
+SAME = 0.15  # two factors this near to each other, relatively, are the same
 HUNDRED = 100.5
-ROOM = 2.5
-"""Limits in models are often too tight: a joint that moves so many times as far as they allow is of another unit."""
-OFF_ZERO = 0.3
-"""Limits that zero lies outside of by this much, rad, tell a scale: small numbers of other units lie elsewhere."""
-DISTINCT = ("rad", "deg", "rad/s", "deg/s")
-"""Units that no other one in use is near to; of the others none is ever sure."""
-CLOSE = 0.05
-"""Velocities whose unit is sure are the rates of positions to within this share."""
-HABIT = {NORMALISED: "deg", PERCENT: "deg"}
-"""Units whose rates come in that of another."""
+ROOM = 2.5  # limits in models are often too tight: a joint moving so many times as far is of another unit
+OFF_ZERO = 0.3  # limits that exclude zero by this much, rad, tell a scale: small numbers of other units lie elsewhere
+DISTINCT = ("rad", "deg", "rad/s", "deg/s")  # units that no other one in use is near to; others are never sure
+CLOSE = 0.05  # velocities whose unit is sure are the rates of positions to within this share
+HABIT = {NORMALISED: "deg", PERCENT: "deg"}  # units whose rates come in that of another
 LIKELY = {"rad": 0.0, "deg": 0.3, TICKS: 0.6, NORMALISED: 0.7, PERCENT: 0.8, "rev": 0.9, "mrad": 1.2} | {
     "decideg": 1.1,
     "centideg": 1.3,
 }
 """What a reading of positions costs where nothing but habit speaks for another."""
 OUTSIDE_COST, UNNAMED_COST, STILL_COST, NO_RATE_COST, TURNED_COST, LATER_COST = 3.0, 2.0, 1.0, 0.5, 0.5, 0.2
-STILL_SHARE_COST = 2.5
-"""Of positions that would be shares of the joints' ranges, none of which moves by more than a few of a hundred."""
+STILL_SHARE_COST = 2.5  # of shares of the joints' ranges, none of which moves by more than a few of a hundred
 
 
 @dataclass(frozen=True)
@@ -71,14 +63,10 @@ class UnitReading:
     time: str
     position: Scale
     velocity: str | None
-    velocity_error: float
-    """How far the rates of the positions are from such velocities, relatively."""
-    is_inside: bool
-    """Whether the positions lie within the limits of their joints."""
-    tells: bool
-    """Whether they do within limits that zero lies outside of."""
-    cost: float
-    """How unlikely the reading is where nothing rules it out."""
+    velocity_error: float  # how far the rates of the positions are from such velocities, relatively
+    is_inside: bool  # whether the positions lie within the limits of their joints
+    tells: bool  # whether they do within limits that zero lies outside of
+    cost: float  # how unlikely the reading is where nothing rules it out
 
 
 @dataclass(frozen=True)
@@ -87,14 +75,10 @@ class JointNumbers:
 
     low: np.ndarray
     high: np.ndarray
-    whole: bool
-    """Whether all positions are whole numbers."""
-    speed: np.ndarray | None
-    """Rate of each position that a tenth of the rows exceeds, a unit of the clock; None without a clock."""
-    rate: np.ndarray | None
-    """Rate of each position over its velocity, NaN where the two do not go together; None without velocities."""
-    exact: bool
-    """Whether the two go together so well that the factor between them is believed."""
+    whole: bool  # whether all positions are whole numbers
+    speed: np.ndarray | None  # rate of each position that a tenth of the rows exceeds; None without a clock
+    rate: np.ndarray | None  # rate of each position over its velocity, NaN where not alike; None without any
+    exact: bool  # whether the two go together so well that the factor between them is believed
 
 
 def scales(robot: Robot) -> list[Scale]:
@@ -210,13 +194,10 @@ def nearest(factor: float, dimension: str, within: float = SAME) -> str | None:
     return found if apart[found] < math.log1p(within) else None
 
 
-STEPS = (1e-4, 0.5)
-"""Periods of loops of robots, s: what a unit of time must give."""
+STEPS = (1e-4, 0.5)  # periods of loops of robots, s: what a unit of time must give
 TIME_UNITS = ("s", "ms", "us", "ns")
-LONG_GAP = 20
-"""A step of the clock that is so many times the median one is a gap."""
-MOST_STATES = 10
-"""A column with more values than that is no flag."""
+LONG_GAP = 20  # a step of the clock that is so many times the median one is a gap
+MOST_STATES = 10  # a column with more values than that is no flag
 
 
 def find_time(columns: Sequence[str], evidence: Evidence, proposal: Proposal) -> None:

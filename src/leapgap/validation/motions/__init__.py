@@ -6,8 +6,7 @@ from functools import cache
 from leapgap.registry import classes_by_name
 from leapgap.validation.motions.base import PlannedMotion
 
-ENTRY_POINTS = "leapgap.withheld_motions"
-"""Group under which other packages offer kinds of motions."""
+ENTRY_POINTS = "leapgap.withheld_motions"  # group under which other packages offer kinds of motions
 
 
 @cache

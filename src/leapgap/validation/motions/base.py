@@ -18,10 +18,8 @@ from leapgap.robot.model import Robot
 class PlannedCommands:
     """What a plan asks of the joints, (rows, joints) each."""
 
-    position: np.ndarray
-    """Set points of the joint PD, rad (m for slides)."""
-    torque: np.ndarray
-    """Feed-forward, N·m."""
+    position: np.ndarray  # set points of the joint PD, rad (m for slides)
+    torque: np.ndarray  # feed-forward, N·m
 
 
 @dataclass(frozen=True)
@@ -30,16 +28,12 @@ class PlannedMotion(ABC):
 
     name: ClassVar[str]
 
-    plans: int
-    """Number of different plans, from which each case draws its own."""
-    seed: int
-    """Seed of the plans, which do not know the cases."""
+    plans: int  # number of different plans, from which each case draws its own
+    seed: int  # seed of the plans, which do not know the cases
     length_s: float
     sample_period_s: float
-    kp: list[float]
-    """N·m/rad of each joint, or one number for all."""
-    kd: list[float]
-    """N·m·s/rad of each joint, or one number for all."""
+    kp: list[float]  # N·m/rad of each joint, or one number for all
+    kd: list[float]  # N·m·s/rad of each joint, or one number for all
 
     @abstractmethod
     def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> PlannedCommands:

@@ -17,10 +17,8 @@ class SumOfSines(PlannedMotion):
     name = "sines"
 
     frequencies_hz: list[float]
-    swing: list[float]
-    """Largest departure of each joint from the keyframe, rad (m for slides), or one number for all."""
-    onset_s: float
-    """The motion grows from rest over this time."""
+    swing: list[float]  # largest departure of each joint from the keyframe, rad (m for slides), or one number for all
+    onset_s: float  # the motion grows from rest over this time
 
     def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> PlannedCommands:
         """Set points within the joints' ranges, and the torque that holds them against gravity in the model."""

@@ -19,24 +19,15 @@ class Trot(PlannedMotion):
 
     name = "trot"
 
-    diagonals: list[list[str]]
-    """Limbs that step together, in two lists."""
-    lifting: str
-    """Joint group that carries the upper link."""
-    bending: str
-    """Joint group that carries the lower link."""
-    frequency_hz: list[float]
-    """Least and most steps of a leg in a second."""
-    lift_rad: list[float]
-    """Least and most turn of the lifting joints in the air; one sign bends the leg, the other straightens it."""
-    stride_rad: list[float]
-    """Least and most turn of the lifting joints from the middle of a step to its end; positive walks forward."""
-    duty: float
-    """Share of a step in which a foot is on the ground; above one half both diagonals stand in between."""
-    still_s: float
-    """The robot stands this long before the trot begins."""
-    onset_s: float
-    """Steps grow to their whole size over this time."""
+    diagonals: list[list[str]]  # limbs that step together, in two lists
+    lifting: str  # joint group that carries the upper link
+    bending: str  # joint group that carries the lower link
+    frequency_hz: list[float]  # least and most steps of a leg in a second
+    lift_rad: list[float]  # least and most turn of the lifting joints in the air; the sign bends or straightens a leg
+    stride_rad: list[float]  # least and most turn of the lifting joints in half a step; positive walks forward
+    duty: float  # share of a step in which a foot is on the ground; above one half both diagonals stand in between
+    still_s: float  # the robot stands this long before the trot begins
+    onset_s: float  # steps grow to their whole size over this time
 
     def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> PlannedCommands:
         """Set points of one gait, without feed-forward torque."""

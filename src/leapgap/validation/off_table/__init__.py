@@ -8,8 +8,7 @@ from leapgap.registry import classes_by_name
 from leapgap.simulation.presets import BentCalf
 from leapgap.validation.off_table.base import OffTableEffect
 
-ENTRY_POINTS = "leapgap.off_table_effects"
-"""Group under which other packages offer further ones."""
+ENTRY_POINTS = "leapgap.off_table_effects"  # group under which other packages offer further ones
 
 
 @cache

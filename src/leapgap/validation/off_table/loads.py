@@ -17,8 +17,7 @@ from leapgap.validation.off_table.base import OffTableEffect, Process
 SLOSH_HZ = 2.5
 SLOSH_DAMPING_RATIO = 0.1
 BATTERY_PLAY_M = 0.03
-BATTERY_FRICTION = 0.15
-"""Friction of the loose battery on its tray, as a share of its weight."""
+BATTERY_FRICTION = 0.15  # friction of the loose battery on its tray, as a share of its weight
 GRAVITY = 9.81
 
 
@@ -80,14 +79,10 @@ class LooseBattery(MovingMass):
         model.dof_frictionloss[model.jnt_dofadr[joint]] = BATTERY_FRICTION * self.mass_kg * GRAVITY
 
 
-ANCHOR_M = np.array([-1.0, 0.0, 0.4])
-"""Anchor of the tether relative to the first position of the trunk, m: behind and above it."""
-DRAG_AREA = 0.1
-"""½ ρ c_d A of a quadruped from the front, N·s²/m²: about 0.6 kg/m³ × 1.3 × 0.12 m²."""
-STICKY_M = 0.005
-"""Height above the ground up to which the floor holds a foot."""
-RISING_M_S = 0.02
-"""Speed of a rising foot from which the floor holds with its whole force."""
+ANCHOR_M = np.array([-1.0, 0.0, 0.4])  # anchor of the tether from the trunk's first place, m: behind and above
+DRAG_AREA = 0.1  # ½ ρ c_d A of a quadruped from the front, N·s²/m²: about 0.6 kg/m³ × 1.3 × 0.12 m²
+STICKY_M = 0.005  # height above the ground up to which the floor holds a foot
+RISING_M_S = 0.02  # speed of a rising foot from which the floor holds with its whole force
 
 
 @dataclass(frozen=True)
@@ -172,8 +167,7 @@ class StickyFloor(OffTableEffect):
 
 
 LOSSES_SEED = 20_240_229
-BURST_S = 0.012
-"""Length of a burst in which all commands are lost."""
+BURST_S = 0.012  # length of a burst in which all commands are lost
 
 
 @dataclass(frozen=True)

@@ -61,12 +61,9 @@ class CableSpring(OffTableEffect):
                 model.qpos_spring[address] = robot.model.key_qpos[0, address]
 
 
-COGS = 40
-"""Cogging periods per turn of the joint: 36 rotor slots behind the gear would give more, the planet gears fewer."""
-TOOTH_STIFFNESS = 4000.0
-"""Stiffness of the teeth in contact, N·m/rad."""
-TOOTH_DAMPING = 2.0
-"""Damping of the teeth in contact, N·m·s/rad."""
+COGS = 40  # cogging periods per turn of the joint: rotor slots behind the gear give more, planet gears fewer
+TOOTH_STIFFNESS = 4000.0  # stiffness of the teeth in contact, N·m/rad
+TOOTH_DAMPING = 2.0  # damping of the teeth in contact, N·m·s/rad
 
 
 @dataclass(frozen=True)
@@ -75,14 +72,10 @@ class Motors:
 
     actuators: np.ndarray
     dofs: np.ndarray
-    qpos: np.ndarray
-    """Indices of the motors and of their joints in the model, (motors,) each."""
-    gain: np.ndarray
-    """(motors,), N·m per unit of control."""
-    bias: np.ndarray
-    """(motors, 3): constant, N·m per rad and N·m per rad/s."""
-    limit: np.ndarray
-    """(motors, 2) least and largest torque, N·m."""
+    qpos: np.ndarray  # indices of the motors and of their joints in the model, (motors,) each
+    gain: np.ndarray  # (motors,), N·m per unit of control
+    bias: np.ndarray  # (motors, 3): constant, N·m per rad and N·m per rad/s
+    limit: np.ndarray  # (motors, 2) least and largest torque, N·m
 
     @classmethod
     def of(cls, model: mujoco.MjModel, robot: Robot, location: str) -> "Motors":

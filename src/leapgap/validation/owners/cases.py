@@ -18,8 +18,7 @@ from leapgap.validation.owners.robots import BASE_NOISE, REST_S, ROBOTS, OwnersR
 
 LOGS, PROOFS, MEASURED = 4, 2, 2
 """Logs that are diagnosed, those that stay with the truth, and those that the change by the errors is measured on."""
-NUMBERS = (1, 2, 1, 3, 1, 2, 1, 0, 2, 1)
-"""How many errors ten cases have, in shuffled order."""
+NUMBERS = (1, 2, 1, 3, 1, 2, 1, 0, 2, 1)  # how many errors ten cases have, in shuffled order
 KINDS = ("none", "single", "pair", "triple")
 
 
@@ -133,8 +132,7 @@ def draw_errors(
 class Plan:
     """Set points of one log, from the rest before it on."""
 
-    smooth: np.ndarray
-    """Set points before the controller holds them, (rest and rows, joints), rad."""
+    smooth: np.ndarray  # set points before the controller holds them, (rest and rows, joints), rad
     rest_rows: int
 
     @staticmethod

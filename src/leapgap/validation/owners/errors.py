@@ -13,34 +13,25 @@ from leapgap.validation.owners.robots import OwnersRobot
 ALL = "all"
 TOLD_VELOCITY = r"velocit.*(late|lag|behind|filter|smooth|coarse|quanti|resol|steps of)"
 TOLD_SET_POINTS = r"(set.?point|command)s?.*(held|hold|coarse|repeat|stay|every)"
-TOLD_LIMIT = r"(torque|ask).*(more than|beyond|above|exceed)"
-"""How a check may say it, in words of any version."""
+TOLD_LIMIT = r"(torque|ask).*(more than|beyond|above|exceed)"  # how a check may say it, in words of any version
 
 
 @dataclass(frozen=True)
 class Error:
     """One error: its name, and what it changes."""
 
-    name: str
-    """Name of the effect that it is, or of the fact about the log."""
+    name: str  # name of the effect that it is, or of the fact about the log
     location: str = ALL
     parameters: dict[str, float] = field(default_factory=dict)
-    drive: dict[str, Any] = field(default_factory=dict)
-    """Fields of the robot's ``OwnersDrive``."""
+    drive: dict[str, Any] = field(default_factory=dict)  # fields of the robot's ``OwnersDrive``
     spec: Callable[[mujoco.MjSpec], None] | None = None
     model: Callable[[mujoco.MjModel], None] | None = None
-    file_limit: np.ndarray | None = None
-    """Largest torques that the model file states, (joints,), N·m."""
-    held_rows: int = 1
-    """Rows for which the log repeats a set point while the robot has every one."""
-    velocity: Callable[[np.ndarray, float], np.ndarray] | None = None
-    """Logged from true velocities (rows, joints) with this period."""
-    same: tuple[str, ...] = ()
-    """Effects that do just the same on this robot."""
-    told: str | None = None
-    """Words by which a check may tell it; None: no check can."""
-    is_fact: bool = False
-    """Whether it is of the log alone, so that no effect is to be named."""
+    file_limit: np.ndarray | None = None  # largest torques that the model file states, (joints,), N·m
+    held_rows: int = 1  # rows for which the log repeats a set point while the robot has every one
+    velocity: Callable[[np.ndarray, float], np.ndarray] | None = None  # logged from true ones, by the period
+    same: tuple[str, ...] = ()  # effects that do just the same on this robot
+    told: str | None = None  # words by which a check may tell it; None: no check can
+    is_fact: bool = False  # whether it is of the log alone, so that no effect is to be named
 
 
 @dataclass(frozen=True)
@@ -50,11 +41,9 @@ class Situation:
     robot: OwnersRobot
     joints: tuple[str, ...]
     limit: np.ndarray
-    inertia: np.ndarray
-    """Of each joint where no other moves, kg·m²."""
+    inertia: np.ndarray  # of each joint where no other moves, kg·m²
     run: Run
-    dofs: np.ndarray
-    """Degrees of freedom of the joints."""
+    dofs: np.ndarray  # degrees of freedom of the joints
     rng: np.random.Generator
 
     @property

@@ -14,12 +14,9 @@ class Run:
 
     qpos: np.ndarray
     qvel: np.ndarray
-    torque: np.ndarray
-    """Of the drives, (rows, joints), N·m."""
-    shown: np.ndarray
-    """Joint positions as the encoders show them, (rows, joints), rad."""
-    speed: np.ndarray
-    """Joint velocities, (rows, joints), rad/s."""
+    torque: np.ndarray  # of the drives, (rows, joints), N·m
+    shown: np.ndarray  # joint positions as the encoders show them, (rows, joints), rad
+    speed: np.ndarray  # joint velocities, (rows, joints), rad/s
 
 
 @dataclass(frozen=True)
@@ -28,26 +25,17 @@ class OwnersDrive:
 
     kp: np.ndarray
     kd: np.ndarray
-    limit: np.ndarray
-    """Largest torque, N·m."""
-    position_gain: np.ndarray | float = 1.0
-    """Acting over logged gain."""
+    limit: np.ndarray  # largest torque, N·m
+    position_gain: np.ndarray | float = 1.0  # acting over logged gain
     velocity_gain: np.ndarray | float = 1.0
-    zero: np.ndarray | float = 0.0
-    """Measured − true position, rad."""
-    offset: np.ndarray | float = 0.0
-    """Torque that is added, N·m."""
-    droop: np.ndarray | float = 0.0
-    """Share of the largest torque that is lost per rad/s."""
-    gravity: float = 0.0
-    """Share of the weight that the drives carry by themselves."""
+    zero: np.ndarray | float = 0.0  # measured − true position, rad
+    offset: np.ndarray | float = 0.0  # torque that is added, N·m
+    droop: np.ndarray | float = 0.0  # share of the largest torque that is lost per rad/s
+    gravity: float = 0.0  # share of the weight that the drives carry by themselves
     delay_s: float = 0.0
-    filter_s: float = 0.0
-    """Time constant of the filter of set points."""
-    slew_rad_s: float = np.inf
-    """Fastest change of set points."""
-    sag: float = 0.0
-    """Share of all torques that is lost where every motor gives its largest."""
+    filter_s: float = 0.0  # time constant of the filter of set points
+    slew_rad_s: float = np.inf  # fastest change of set points
+    sag: float = 0.0  # share of all torques that is lost where every motor gives its largest
 
 
 @dataclass(frozen=True)

@@ -4,39 +4,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-REST_S = 1.0
-"""The robot holds its first set points this long before a log begins."""
-RISE_S = 1.0
-"""Motions reach their whole size in this time."""
+REST_S = 1.0  # the robot holds its first set points this long before a log begins
+RISE_S = 1.0  # motions reach their whole size in this time
 
 
 @dataclass(frozen=True)
 class OwnersRobot:
     """A robot with its drives, and how it is moved and logged."""
 
-    model: str
-    """Name of its model file, without the ending."""
+    model: str  # name of its model file, without the ending
     period_s: float
     length_s: float
-    kp: tuple[float, ...]
-    """Of each joint, N·m/rad, as the log says."""
+    kp: tuple[float, ...]  # of each joint, N·m/rad, as the log says
     kd: tuple[float, ...]
-    swing_rad: tuple[float, ...]
-    """Amplitude of each joint; of a quadruped the lift and the stride of the thighs."""
+    swing_rad: tuple[float, ...]  # amplitude of each joint; of a quadruped the lift and the stride of the thighs
     fastest_hz: float
-    tool: str | None
-    """Joint whose link carries a tool; None: nothing does."""
+    tool: str | None  # joint whose link carries a tool; None: nothing does
     tool_kg: tuple[float, float]
-    tool_at: tuple[float, float, float]
-    """In the frame of the link, m."""
-    noise: tuple[float, float]
-    """Standard deviations of joint positions and velocities, rad and rad/s."""
-    ticks: tuple[float, float] = (0.0, 0.0)
-    """Resolution of joint positions and velocities; 0: fine."""
+    tool_at: tuple[float, float, float]  # in the frame of the link, m
+    noise: tuple[float, float]  # standard deviations of joint positions and velocities, rad and rad/s
+    ticks: tuple[float, float] = (0.0, 0.0)  # resolution of joint positions and velocities; 0: fine
     logs_velocity: bool = True
     sends_velocity: bool = False
-    policy_rows: int = 1
-    """Rows for which the controller holds a set point."""
+    policy_rows: int = 1  # rows for which the controller holds a set point
     largest_gain: float = 20.0
     longest_delay_s: float = 0.15
     largest_zero_rad: float = 0.6

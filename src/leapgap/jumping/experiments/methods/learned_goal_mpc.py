@@ -25,13 +25,7 @@ from leapgap.jumping.experiments.identification import CONTACT_PARAMETERS
 from leapgap.jumping.experiments.method import AimingMethod, JumpTask, Method
 from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig
 from leapgap.jumping.experiments.simulated_shifts import ShiftSimulator, SimulatedShiftsConfig
-from leapgap.jumping.experiments.training_jumps import (
-    DATA_SHEET,
-    SHARED,
-    PracticeResult,
-    identify_on,
-    run_practice,
-)
+from leapgap.jumping.experiments.training_jumps import DATA_SHEET, SHARED, PracticeResult, identify_on, run_practice
 from leapgap.jumping.experiments.trial import TrialSpec
 from leapgap.jumping.models.planar import planar_robot
 
@@ -42,8 +36,7 @@ class HeldShiftsConfig:
 
     distances_m: tuple[float, ...] = (0.45, 0.55, 0.65)
     """Distances of the targets, rising; on flat ground. What a late shift does may turn within 5 cm of distance."""
-    last_updates: int = 4
-    """Number of updates, the last ones at which a shift may change. Before them the simulation is right."""
+    last_updates: int = 4  # Number of last updates at which a shift may change. Before them the simulation is right.
     shift: tuple[float, float, float] = (0.03, 0.0, 0.06)
     """Shift along each axis, m, m, rad; 0: none is held along it. Its sign changes from update to update."""
     error: float = 0.15  # Standard deviation of a measured effect, m/m and the like: noise and scatter of two landings

@@ -198,8 +198,7 @@ def kicked(task: JumpTask, period_s: float, rng: np.random.Generator) -> JumpTas
     return replace(task, kick_m_s=0.2, kick_rad_s=1.0, disturbed_at_s=(at_s,))
 
 
-BEFORE_TAKE_OFF_S = 0.15
-"""Time before take-off from which landings are predicted: the learned MPC has little left to decide then."""
+BEFORE_TAKE_OFF_S = 0.15  # Time before take-off from which landings are predicted: little is left to decide then
 
 
 def judged(jumps: Sequence[DeviatingJump], model: DeviationModel) -> Round:
@@ -368,8 +367,7 @@ class GoalPractisedMpcSettings(PractisedMpcSettings):
 
     rounds: int = 3  # Of jumps by the MPC
     simulated: int = 6  # Simulated jumps to each of its targets
-    on_policy_weight: float = 1.0
-    """As much as a simulated jump, which shows C and G better: it is kicked, and no feedback decides its forces."""
+    on_policy_weight: float = 1.0  # As much as a simulated jump, which shows C and G better: kicked, without feedback
     kernel: DeviationKernelConfig = field(
         default_factory=lambda: DeviationKernelConfig(phase_s=0.1, target_m=1.0, stance_rad=0.5, ridge=0.3)
     )

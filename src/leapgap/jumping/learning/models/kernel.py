@@ -42,8 +42,7 @@ class KernelConfig(ModelSettings):
     section: ClassVar[str] = "kernel"
     inputs: dict[str, float] = field(default_factory=lambda: dict(INPUTS))
     """Inputs, each with its weight after scaling to unit variance: a large weight lets the model change fast."""
-    force_scale: float = 8.0
-    """Standard deviations of a force that count like the constant: large trusts the nominal model's B(r)."""
+    force_scale: float = 8.0  # Standard deviations of a force that count like the constant: large trusts B(r)
     length_contact: float = 1.0
     length_flight: float = 0.6
     ridge_contact: float = 0.02
