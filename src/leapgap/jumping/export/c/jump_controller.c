@@ -1,4 +1,4 @@
-/* See jump_controller.h. The numbers of this jump are in sizes.h and tables.c; controller.py is the same in NumPy. */
+/* See jump_controller.h. The numbers of this jump are in sizes.h and tables.c. */
 #include <math.h>
 #include <string.h>
 
