@@ -89,6 +89,15 @@ def test_what_evidence_tells_is_held_and_stays(arm: tuple[Robot, HeldOutGap, Sho
     assert np.sqrt(fit.covariance[at, at]) == pytest.approx(0.0005)
 
 
+def test_what_evidence_tells_wrongly_goes(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:
+    """Encoders that are off by 0.05 rad would move the arm elsewhere, and held-out logs say that it does not go there."""
+    robot, gap, short = arm
+    told = Evidence("a test", "encoder_bias.bias_rad", 0.05, 0.001, "rad", {}, "said here")
+    search = JointSearch(JointFit(gap, short, (told,), JointFitSettings(first_steps=2, all_steps=2, steps=2)))
+    (*_, fit), _ = search.search(search.by_pieces(list_hypotheses(KINDS, robot, None)))
+    assert set(fit.names) == {"joint_damping", "joint_friction", "armature"}
+
+
 def test_the_slope_of_the_likelihood_is_its_derivative() -> None:
     """Finite differences of the loss of errors that answer linearly."""
     rng = np.random.default_rng(2)

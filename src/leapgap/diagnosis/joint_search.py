@@ -96,17 +96,21 @@ class JointSearch:
         return kept
 
     def without_useless(self, fit: FullRolloutFit) -> list[int]:
-        """Indices of the fewest hypotheses that close nearly as much as all, and of those that evidence tells.
+        """Indices of the fewest hypotheses that close nearly as much as all; what helps least goes first.
 
-        What helps least on held-out logs goes first.
+        What evidence tells goes only where held-out logs are replayed better without it.
         """
-        kept, gap = list(range(len(fit.hypotheses))), self.joint.heldout_gap
-        while len(kept) > 1 and (doubtful := [k for k in kept if not self.joint.is_told(fit.hypotheses[k])]):
-            without = gap.squares([part(fit, [other for other in kept if other != k]) for k in doubtful])
-            closes = [gap.closure_value(squares) for squares in without]
-            if self.joint.closes(fit) - max(closes) >= self.joint.plan.most_lost:
+        kept, gap, now = list(range(len(fit.hypotheses))), self.joint.heldout_gap, self.joint.closes(fit)
+        enough = now - self.joint.plan.most_lost
+        while len(kept) > 1:
+            without = gap.squares([part(fit, [other for other in kept if other != k]) for k in kept])
+            closes = np.array([gap.closure_value(squares) for squares in without])
+            room = closes - [now if self.joint.is_told(fit.hypotheses[k]) else enough for k in kept]
+            least = int(np.argmax(room))
+            if room[least] <= 0:
                 break
-            kept.remove(doubtful[int(np.argmax(closes))])
+            kept.pop(least)
+            now = float(closes[least])
         return kept
 
     def losses_without(self, fit: FullRolloutFit, kept: Sequence[int]) -> np.ndarray:
