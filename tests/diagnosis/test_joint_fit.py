@@ -90,7 +90,7 @@ def test_what_evidence_tells_is_held_and_stays(arm: tuple[Robot, HeldOutGap, Sho
 
 
 def test_what_evidence_tells_wrongly_goes(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:
-    """Encoders that are off by 0.05 rad would move the arm elsewhere, and held-out logs say that it does not go there."""
+    """Encoders that are off by 0.05 rad would move the arm elsewhere than held-out logs say."""
     robot, gap, short = arm
     told = Evidence("a test", "encoder_bias.bias_rad", 0.05, 0.001, "rad", {}, "said here")
     search = JointSearch(JointFit(gap, short, (told,), JointFitSettings(first_steps=2, all_steps=2, steps=2)))
