@@ -60,7 +60,7 @@ Python `lg.Settings(…)`, in the pipeline the section `diagnose.settings`. Made
 ```yaml
 bootstrap_draws: 1000        # settings.yaml
 sizes: {joint_pos: 0.01}     # rad
-doubts: {none_floors: 3.0}   # a group of settings
+outside: {least_size: 5.0}   # a group of settings
 ```
 """
 

@@ -49,10 +49,7 @@ class Counting(Replayer):
 
 def tiny(settings: Settings) -> Settings:
     """Settings of a diagnosis of one effect in seconds."""
-    plan = replace(settings.plan, shortlist=2, steps=1)
-    return replace(
-        settings, effects=["joint_damping"], folds=2, most_pieces=4, plan=plan, noise_draws=1, bootstrap_draws=20
-    )
+    return replace(settings, effects=["joint_damping"], folds=2, most_pieces=4, noise_draws=1, bootstrap_draws=20)
 
 
 def logs(folder: str, number: int) -> list[Log]:

@@ -243,7 +243,7 @@ def main() -> None:
     found = cases(chosen.logs, chosen.truth, chosen.robot, chosen.only, halves)[: 1 if chosen.tiny else chosen.most]
     if not found:
         raise InputError(chosen.logs, "no case of the half tuning", "withheld cases", "run make blind first")
-    rows = table(found, tiny(settings), "doubts.none") if chosen.tiny else table(found, settings)
+    rows = table(found, tiny(settings), "outside.least_size") if chosen.tiny else table(found, settings)
     if chosen.json:
         write_json(chosen.json, {"cases": [case.name for case in found], "thresholds": rows})
 

@@ -24,13 +24,14 @@ from omegaconf import OmegaConf
 
 from leapgap import effects
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
+from leapgap.diagnosis.candidates import split_numbers
 from leapgap.diagnosis.closure import closure, resamples
 from leapgap.diagnosis.diagnose import diagnose
+from leapgap.diagnosis.experiment_nuisances import errors_of
 from leapgap.diagnosis.gap import candidate_squares, headline_gap
-from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
+from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import noise_floor
-from leapgap.diagnosis.sensitivities import concatenate_logs, on_logs
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.effects.base import Effect
@@ -78,14 +79,14 @@ def peer(
         parameters.add(sysid.Parameter(f"{h.name}.{p.name}", 0.0, low, high))
     parameters.move_off_bounds()
 
-    def acting(x: np.ndarray) -> list[tuple[Hypothesis, np.ndarray]]:
-        values = nominal + scale * x
-        return [(h, np.array([v for v, (of, _, _) in zip(values, names, strict=True) if of is h])) for h in everything]
+    def acting(x: np.ndarray) -> tuple[Effect, ...]:
+        own = split_numbers(everything, nominal + scale * x)
+        return tuple(h.on("", numbers) for h, numbers in zip(everything, own, strict=True))
 
     def residual(x: np.ndarray, _: sysid.ParameterDict) -> tuple[list[np.ndarray], None, None]:
         columns = x.reshape(len(names), -1).T
-        found = evidence.residuals([on_logs(evidence, *acting(one)) for one in columns])
-        errors = np.stack([concatenate_logs(of).ravel() for of in found], axis=1)
+        found = errors_of(evidence, [acting(one) for one in columns])
+        errors = np.stack([of.ravel() for of in found], axis=1)
         return [errors if x.ndim > 1 else errors[:, 0]], None, None
 
     fitted, result = sysid.optimize(parameters, residual, verbose=False, eps=STEP, max_iters=iterations)

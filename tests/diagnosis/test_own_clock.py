@@ -5,9 +5,14 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.diagnose import diagnose
+from leapgap.diagnosis.engine.verdict import Judgement
+from leapgap.diagnosis.hypotheses import list_hypotheses
+from leapgap.diagnosis.own_clock import AT_END, OwnClock
 from leapgap.diagnosis.settings import Settings
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
+from tests.diagnosis.joint_fits import joint_fit
+from tests.diagnosis.two_link_arm import torque_driven_arm
 from tests.plain_arm import BELIEVED, EXAMPLE, JOINTS, KD, KP, TRUE, write_model
 
 STEP_S = 0.001
@@ -64,3 +69,32 @@ def test_the_clock_is_named_first_and_the_hidden_cause_with_its_value(tmp_path) 
     assert damping.parameters["damping"].value == pytest.approx(TRUE - BELIEVED, rel=0.1)
     (check,) = [check for check in report.checks if check.name == "row_clock"]
     assert not check.passed and "not evenly spaced" in check.says
+
+
+def judged_armature(robot: Robot, inertia: float) -> Judgement:
+    """The judgement `armature` on logs of an arm with so much more of it, kg·m², at both joints."""
+
+    def change(model: mujoco.MjModel) -> None:
+        model.dof_armature[:] += inertia
+
+    joint = joint_fit(robot, change)
+    (armature,) = (h for h in list_hypotheses(["armature"], robot, None) if h.location == "all")
+    begin = np.minimum(inertia, 0.9 * armature.bounds[1])
+    found, gap = joint.fit((armature,), np.ravel(begin), 8), joint.heldout_gap
+    return OwnClock(gap.judged, dict.fromkeys(gap.names, (1.1,)), robot).conclude(joint, (found,), (1.0,))
+
+
+def test_what_ends_at_its_range_and_leaves_much_is_told_as_a_part(tmp_path) -> None:
+    judgement = judged_armature(torque_driven_arm(tmp_path), 0.3)
+    assert judgement.selected.at_bound
+    assert judgement.conclusion.verdict == "partly"
+    assert judgement.conclusion.answer == (("sample_period",), ("armature",))
+    assert judgement.notes == (AT_END,)
+
+
+def test_what_fits_within_its_range_is_named_after_the_clock(tmp_path) -> None:
+    judgement = judged_armature(torque_driven_arm(tmp_path), 0.02)
+    assert judgement.conclusion.verdict == "named" and not judgement.notes
+    assert [step.names for step in judgement.conclusion.steps] == [("sample_period",), ("sample_period", "armature")]
+    assert judgement.selected.typical_effects(["motion_0"])[0].values["scale"] == pytest.approx(1.1)
+    assert judgement.undecided.fits[0].fit.names == ("armature",)

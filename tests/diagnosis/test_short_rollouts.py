@@ -42,7 +42,7 @@ def test_long_steps_see_the_same_departures(evidence: ShortRollouts) -> None:
         trials = [(log, acting, p.starts) for acting in ((), (effect,)) for log, p in enumerate(of.pieces)]
         errors = np.array(list(of.errors(trials)))
         nominal, damped = np.split(errors, 2)
-        changes.append((damped - nominal).reshape(evidence.size, -1))
+        changes.append((damped - nominal).reshape(-1, errors.shape[2]))
     exact, rough = changes
     assert evidence.with_steps(0.0022).pieces[0].ages.tolist() == (evidence.pieces[0].ages // 2).tolist()
     alike = (exact * rough).sum(axis=1) / np.linalg.norm(exact, axis=1) / np.linalg.norm(rough, axis=1)

@@ -5,7 +5,7 @@ import pytest
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.closure import Interval
-from leapgap.diagnosis.decision import Conclusion
+from leapgap.diagnosis.engine.verdict import Conclusion
 from leapgap.diagnosis.gap import HeldOutFigures
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.summary import listed, sentence, share_in_words

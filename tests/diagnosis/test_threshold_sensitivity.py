@@ -47,11 +47,11 @@ def test_shares_stay_shares() -> None:
 def test_every_threshold_of_the_settings_can_be_changed() -> None:
     settings = Settings()
     names = dict(thresholds(settings))
-    assert {"model_error", "plan.least_gain", "doubts.none_gap", "joint.least_gain", "outside.near"} <= set(names)
+    assert {"model_error", "joint.least_gain", "joint.enough_closure", "outside.near"} <= set(names)
     for name, value in names.items():
         changed = dict(thresholds(with_threshold(settings, name, 0.9 * value)))
         assert {one for one in names if changed[one] != names[one]} == {name}
-    assert replace(with_threshold(settings, "plan.least_gain", 1.0), plan=settings.plan) == settings
+    assert replace(with_threshold(settings, "joint.least_gain", 1.0), joint=settings.joint) == settings
 
 
 def test_an_answer_is_better_by_right_effects_more_and_wrong_ones_fewer() -> None:

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from leapgap import effects
+from leapgap.diagnosis.candidates import nominal_candidate
 from leapgap.diagnosis.diagnose import diagnose
+from leapgap.diagnosis.experiment_nuisances import Nuisances, errors_of
 from leapgap.diagnosis.experiment_whole_logs import tolerance_effects
-from leapgap.diagnosis.hypotheses import list_hypotheses, places
+from leapgap.diagnosis.hypotheses import Hypothesis, places, tolerance
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.sensitivities import Sensitivities, tolerance
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.errors import InputError
@@ -66,19 +67,22 @@ def test_a_tolerance_of_nothing_is_refused(robot: Robot, name: str) -> None:
         diagnose([standing(robot, 50)] * 2, robot, Settings(tolerances={name: 0.1}))
 
 
-def test_a_nuisance_is_one_tolerance_of_its_column(robot: Robot, reference: Log) -> None:
+def test_a_nuisance_is_one_tolerance_of_a_change_of_its_place(robot: Robot, reference: Log) -> None:
     jumps = hardware(robot, reference, noise=SensorNoise(), jumps=2)
     evidence = ShortRollouts.of(JudgedLogs.of(jumps, robot).states, Replayer(robot, terrain_slots=1), 0.1, 0.01, 4)
     shares = {"payload.mass_kg": 0.01, "foot_friction.mu": 0.02}
-    responses = Sensitivities.of(evidence, list_hypotheses(["payload"], robot, None), shares)
-    by_place = {(key.effect, key.place): i for i, key in enumerate(responses.keys)}
-    payload = responses.columns[:, :, by_place["payload", "all"]]
-    assert np.abs(payload).max() > 0
-    assert responses.nuisances.shape[2] == 1 + 1 + len(robot.feet)  # the first is the error of the steps
-    assert responses.nuisances[:, :, 1] == pytest.approx(0.01 * 4.713 * payload)
-    for number, foot in enumerate(robot.feet):
-        expected = 0.02 * 0.8 * responses.columns[:, :, by_place["foot_friction", foot]]
-        assert responses.nuisances[:, :, 2 + number] == pytest.approx(expected)
+    seen = Nuisances.of(evidence, nominal_candidate(2), shares)
+    assert seen.columns.shape[2] == 1 + 1 + len(robot.feet)  # the first is the error of the steps
+    at = [
+        ("payload", "all", "mass_kg", 0.01 * 4.713),
+        *(("foot_friction", foot, "mu", 0.02 * 0.8) for foot in robot.feet),
+    ]
+    for number, (name, place, parameter, size) in enumerate(at):
+        there = Hypothesis(effects.known()[name], robot, place)
+        (value,), (by,) = there.nominal + there.moderate, there.moderate
+        start, changed = errors_of(seen.short, [(), (effects.effect(name, location=place, **{parameter: value}),)])
+        assert np.abs(changed - start).max() > 0
+        assert seen.columns[:, :, 1 + number] == pytest.approx(size / by * (changed - start))
 
 
 def test_each_place_of_an_experiments_robot_is_off_by_a_draw_of_its_own(robot: Robot) -> None:

@@ -112,6 +112,13 @@ def test_a_piece_starts_where_the_late_log_says_later_that_it_was(tmp_path: Path
         assert np.abs(off).max() == pytest.approx(error, abs=2e-3)
 
 
+def test_a_log_without_a_piece_has_no_later_states(tmp_path: Path) -> None:
+    robot, log = body(tmp_path), fallen(0.01)
+    starts, _ = smooth_starts(motion_of(log, robot), [], log, robot)
+    later = starts.later(10.0)
+    assert later is not None and later.shape == starts.states.shape
+
+
 def test_a_piece_of_every_second_row_starts_at_the_same_state(tmp_path: Path) -> None:
     robot, log = body(tmp_path), fallen(0.01)
     starts, _ = smooth_starts(motion_of(log, robot), [40, 50, 60], log, robot)

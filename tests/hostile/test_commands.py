@@ -15,7 +15,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from leapgap import Settings, cli, registry
-from leapgap.diagnosis.selection import SearchSettings
 from leapgap.effects.model_field import ModelField
 from leapgap.errors import InputError
 from leapgap.logs import importers
@@ -146,13 +145,6 @@ def test_threads_beyond_any_machine_are_refused(threads: str, arm: Path, capsys:
 def test_settings_that_would_never_end_are_refused(name: str, value: float, expected: str) -> None:
     with pytest.raises(InputError, match=rf"^settings\.{name}: found .*; expected .*{expected}"):
         Settings(**{name: value})
-
-
-@pytest.mark.parametrize("name", ["shortlist", "per_effect", "steps", "promising"])
-def test_a_search_without_steps_or_causes_is_refused(name: str) -> None:
-    for value in (0, -1):
-        with pytest.raises(InputError, match=rf"^settings\.plan.{name}: found {value}; expected 1 or more"):
-            SearchSettings(**{name: value})
 
 
 def test_a_range_of_a_model_field_without_ends_is_refused() -> None:

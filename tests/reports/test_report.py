@@ -13,12 +13,12 @@ import pytest
 from leapgap.diagnosis.channels import JUMP
 from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.localisation import Place
-from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
+from leapgap.diagnosis.report import Cause, ParameterEstimate
 from leapgap.effects import sentence_words
 from leapgap.logs.log import Log, LogInfo
 from leapgap.reports.channels_data import channels_data, row_of
 from leapgap.reports.diagnosis import cause_in_words, largest_errors
-from leapgap.reports.diagnosis_figures import closures, profiles
+from leapgap.reports.diagnosis_figures import closures
 from leapgap.reports.page import CORRECTED
 from leapgap.reports.report import loudest, next_words, tiles
 from leapgap.robot.model import Robot
@@ -131,12 +131,10 @@ def test_tiles_say_the_error_of_the_worst_channel_in_its_unit(two_joints: Robot)
     assert [one.corrected for one in tiles(nothing, [log], {"log": off[3.0]}, {})] == [""] * 3  # type: ignore[arg-type]
 
 
-def test_a_ratio_is_printed_and_drawn_without_a_unit() -> None:
+def test_a_ratio_is_printed_without_a_unit() -> None:
     scale = ParameterEstimate(0.918, (0.907, 0.928), 1.0, "1", False)
     cause = Cause("torque_gain", "all", 0.72, {"scale": scale}, {}, Interval(0.5, 0.4, 0.6), 0.1, ())
     assert cause_in_words(cause) == "  torque_gain: scale 0.918 (0.907 to 0.928), explains 50 %, probability 0.72"
-    shown = SimpleNamespace(profiles=[Profile("torque_gain", "scale (1)", (0.8, 0.9, 1.0), (2.0, 0.0, 2.0))])
-    assert profiles(shown).layout.xaxis.title.text == "scale"  # type: ignore[arg-type]
 
 
 @pytest.fixture

@@ -132,9 +132,9 @@ def test_every_section_with_a_dataclass_is_found() -> None:
 
 
 def test_the_walk_sees_nested_differences() -> None:
-    shown = {"plan": {"promising": 3, "per_effect": 3}, "noise_draws": 4, "nothing": 1}
+    shown = {"joint": {"steps": 3, "most_causes": 8}, "noise_draws": 4, "nothing": 1}
     found = list(differences(Settings, shown, "diagnose"))
-    assert [line.split(":")[0] for line in found] == ["diagnose.plan.promising", "diagnose.noise_draws"]
+    assert [line.split(":")[0] for line in found] == ["diagnose.joint.steps", "diagnose.noise_draws"]
 
 
 def test_a_library_call_with_settings_as_made_is_the_stage() -> None:

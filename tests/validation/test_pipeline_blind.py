@@ -35,7 +35,6 @@ FAST: dict[str, Any] = {
     "best": False,  # as in every withheld diagnosis: answers are judged
     "effects": ["joint_damping"],
     "pieces_per_log": 4,
-    "plan": {"shortlist": 3, "steps": 3},
     "noise_draws": 1,
     "bootstrap_draws": 20,
     "folds": 2,
@@ -147,8 +146,7 @@ def test_a_page_written_later_is_the_same_bytes(case: Path, verdicts: Path) -> N
 
 
 def test_a_verdict_is_the_same_bytes_in_an_empty_folder_and_in_place(case: Path, verdicts: Path) -> None:
-    flat = {k: v for k, v in FAST.items() if k != "plan"} | {f"plan.{k}": v for k, v in FAST["plan"].items()}
-    settings = [f"diagnose.settings.{key}={json.dumps(value)}" for key, value in flat.items()]
+    settings = [f"diagnose.settings.{key}={json.dumps(value)}" for key, value in FAST.items()]
     out = case / "in_place"
     arguments = (f"diagnose.logs={case}/logs/case_000", f"diagnose.out={out}", "diagnose.recordings=false", *settings)
     done = stage("diagnose", *arguments)

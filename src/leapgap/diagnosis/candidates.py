@@ -1,4 +1,4 @@
-"""Candidates of the search for causes: sets of hypotheses with fitted numbers and their held-out losses."""
+"""Candidates of the search for causes: sets of hypotheses with fitted numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -84,59 +84,9 @@ class Candidate:
         return tuple(found)
 
 
-@dataclass(frozen=True)
-class Fit(Candidate):
-    """A candidate fitted to replays of its own, and judged on held-out logs.
-
-    The covariance is that of the numbers with the nuisances fitted too. It comes from the curvature of the loss and is
-    wider where the scatter of the gradient over pieces is larger.
-    """
-
-    linearisation_point: np.ndarray
-    """Linearisation point, (numbers,); ``numbers`` is one Gauss–Newton step from it."""
-    columns: np.ndarray
-    """Errors at the linearisation point and their derivatives, (pieces, values, 1 + numbers)."""
-    loss: float
-    """Loss of all logs at the fit on all logs."""
-    chi2: np.ndarray
-    """χ² of each piece over its number of values, fitted on all logs, (pieces,); noise alone gives 1."""
-    heldout: np.ndarray
-    """Loss of each piece, fitted without its fold, (pieces,)."""
-
-
-@dataclass(frozen=True)
-class ProfileLikelihood:
-    """Profile of the loss over the first number of a hypothesis, all other numbers fitted."""
-
-    hypothesis: Hypothesis
-    values: np.ndarray
-    loss: np.ndarray
-    """Loss above its minimum, (values,)."""
-
-
-@dataclass(frozen=True)
-class SearchResult:
-    """Result of a search for one cause."""
-
-    nominal: Fit
-    selected: Fit
-    singles: tuple[Fit, ...]
-    """Fits of single hypotheses, best on held-out logs first."""
-    log_of_piece: np.ndarray
-    values: int
-    """Number of compared values of a piece."""
-    profiles: tuple["ProfileLikelihood", ...]
-    """Profile likelihoods, one an effect."""
-
-    @property
-    def steps(self) -> tuple[Fit, ...]:
-        """The selected fit; empty where that is the nominal robot."""
-        return (self.selected,) if self.selected.hypotheses else ()
-
-    @property
-    def rivals(self) -> tuple[Fit, ...]:
-        """Fits of sets as large as the selected one, which is among them."""
-        return self.singles if self.selected.hypotheses else ()
+def nominal_candidate(folds: int) -> Candidate:
+    """The robot without any effect, for so many folds."""
+    return Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((folds, 0)))
 
 
 def in_words(fit: Candidate) -> str:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -12,25 +11,16 @@ from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.checks import CheckResult, as_read, clock_of, run_checks
 from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_source
-from leapgap.diagnosis.decision import Judgement, judge, judge_jointly, partly_where_another_acts
 from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.engine.points import Bench
 from leapgap.diagnosis.engine.search import Search
-from leapgap.diagnosis.engine.verdict import (
-    EvidenceJudgement,
-    Moment,
-    Numbers,
-    ResidualForce,
-    candidate_of,
-    conclude,
-    is_explained,
-    without_pushes,
-)
+from leapgap.diagnosis.engine.verdict import Judgement, candidate_of, conclude, is_explained, without_pushes
 from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
+from leapgap.diagnosis.joint_search import JointSearch
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.next_experiment import propose
@@ -39,12 +29,10 @@ from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_
 from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
 from leapgap.diagnosis.own_clock import OwnClock, own_clock
 from leapgap.diagnosis.provenance import Provenance
-from leapgap.diagnosis.report import Headline, HorizonError, Profile, ReportContent
-from leapgap.diagnosis.rival_fits import Undecided, undecided_of
-from leapgap.diagnosis.selection import find_cause
+from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts, check_length
-from leapgap.diagnosis.summary import causes_of, not_judged, profiles_of, sentence
+from leapgap.diagnosis.summary import causes_of, not_judged, sentence
 from leapgap.effects.base import Effect, overrides
 from leapgap.effects.model_field import effect_class
 from leapgap.errors import InputError, did_you_mean
@@ -130,7 +118,9 @@ def diagnose(
     judged, gap = ready.judged, heldout_gap.gap(heldout_gap.before)
     floor = heldout_gap.gap(heldout_gap.floor)
     pieces = (settings.horizon_s, settings.every_s)
-    proposal = propose(answer.undecided, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress)
+    proposal = propose(
+        judgement.undecided, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress
+    )
     report = ReportContent(
         verdict=conclusion.verdict,
         sentence=sentence(conclusion, selected, gap, floor, corrected, names),
@@ -152,14 +142,13 @@ def diagnose(
         descriptions=tuple(judge_descriptions(descriptions, heldout_gap)),
         next_experiment=proposal.to_json() if proposal else None,
         not_judged=(*not_judged(judged), *(f.explained for f in ready.outside.forces if f not in forces)),
-        profiles=answer.profiles,
-        evidence_numbers=answer.numbers,
-        residual_force=answer.residual,
+        evidence_numbers=judgement.numbers,
+        residual_force=judgement.residual,
         gap_per_log=heldout_gap.gap_by_log(corrected.squares),
         landing_misplaced_m=heldout_gap.misplaced_by_log(replays),
         provenance=provenance or Provenance.of(logs, robot, asdict(settings)),
         set_aside=dict(set_aside),
-        notes=answer.notes,
+        notes=judgement.notes,
         best_simulator=answer.best,
     )
     return Diagnosis(
@@ -250,7 +239,7 @@ def pushes_beside(answer: "FoundAnswer", ready: ReadyLogs, settings: Settings) -
     forces = unexplained(found, ready.given, ready.replayer, effects)
     alike = {(one.at, one.axis, one.impulse > 0) for one in forces}
     of_the_robot = len(forces) >= RECURRING and len(alike) == 1
-    if not forces or of_the_robot or not is_explained(without_pushes(answer.moments, forces)):
+    if not forces or of_the_robot or not is_explained(without_pushes(answer.judgement.moments, forces)):
         return OutsideForces()
     return without_moments(forces, ready.judged, settings.outside)
 
@@ -259,22 +248,14 @@ def pushes_beside(answer: "FoundAnswer", ready: ReadyLogs, settings: Settings) -
 class FoundAnswer:
     """The search for causes with its conclusion."""
 
-    judgement: Judgement | EvidenceJudgement
+    judgement: Judgement
     heldout_gap: HeldOutGap
     """At the horizon at which the answer is judged."""
     evidence: Sequence[Evidence]
-    by_source: ClosureBySource | None
-    best: BestSimulator | None
+    """What the logs say without a simulation."""
+    by_source: ClosureBySource | None = None
+    best: BestSimulator | None = None
     """None where the settings ask for none."""
-    undecided: Undecided
-    numbers: Numbers | None = None
-    """None where the search was one by one."""
-    moments: Sequence[Moment] = ()
-    """By evidence, where something without a name acts beside the answer."""
-    residual: tuple[ResidualForce, ...] = ()
-    profiles: tuple[Profile, ...] = ()
-    notes: tuple[str, ...] = ()
-    """What a report must say of how the search was made."""
 
 
 def find_answer(
@@ -290,67 +271,70 @@ def answer_by_own_clock(
 ) -> FoundAnswer:
     """The answer of a joint fit of all effects, with the clock of the logs before it.
 
-    Beside it, single causes by half of the pieces show rivals.
+    Where the clock is the only effect that is looked for, there is nothing to fit.
     """
     judged, clock = ready.judged, ready.clock
     assert clock is not None
     hypotheses = list_hypotheses(kinds_beside_clock(kinds, settings), judged.robot, None)
     evidence = gather([states.log for states in judged.whole], judged.robot)
-    most = settings.pieces(len(ready.given.logs))
-    pieces = partial(ShortRollouts.of, judged.states, ready.replayer, settings.horizon_s, settings.every_s)
     progress(f"step 2 of 4, search: {len(hypotheses)} hypotheses (an effect at a location)")
-    whole, coarse = pieces((most + 1) // 2), pieces((most + 3) // 4)
-    folds = ready.heldout_gap.folds
-    result = find_cause(whole, coarse, hypotheses, settings.tolerances, folds, settings.plan, progress)
-    heldout_gap = ready.heldout_gap.at_stable_horizon(
-        result.selected, settings.noise_draws_of(sum(judged.rows)), np.random.default_rng(settings.seed)
+    joint = JointFit(ready.heldout_gap, pieces_of(ready, settings), evidence, settings.joint, progress)
+    steps: tuple[Candidate, ...] = ()
+    sure: tuple[float, ...] = ()
+    if hypotheses:
+        near = JointSearch(joint).by_pieces(hypotheses)
+        joint = replace(joint, heldout_gap=at_stable_horizon(ready, near, settings))
+        steps, sure = JointSearch(joint).search(near)
+    by_source = closure_by_source(joint, steps[-1]) if steps else None
+    judgement = clock.conclude(joint, steps, sure)
+    found = FoundAnswer(judgement, joint.heldout_gap, evidence, by_source)
+    if not settings.best:
+        return found
+    progress("step 3 of 4, fit of all effects and map of the error")
+    best = BestFit(
+        joint.heldout_gap,
+        joint.short,
+        judgement.selected,
+        hypotheses,
+        settings.model_error,
+        told=joint.told,
+        joint=joint.ends[0] if joint.ends else None,
+        progress=progress,
     )
-    gap, floor = heldout_gap.gap(heldout_gap.before), heldout_gap.gap(heldout_gap.floor)
-    progress(f"step 3 of 4, alternatives and whole logs: gap {gap:.3f}, noise floor {floor:.3f}")
-    joint = JointFit(heldout_gap, whitened(pieces(most)), evidence, settings.joint, progress)
-    judgement = judge(result, heldout_gap, settings.doubts)
-    judgement = judge_jointly(judgement, joint, hypotheses, settings.doubts)
-    judgement = partly_where_another_acts(judgement, heldout_gap, settings.doubts)
-    by_source = closure_by_source(joint, judgement.selected)
-    judgement = replace(judgement, conclusion=clock.with_clock(judgement.conclusion, result.nominal, heldout_gap))
-    best = None
-    if settings.best:
-        best = BestFit(
-            heldout_gap,
-            joint.short,
-            judgement.selected,
-            hypotheses,
-            settings.model_error,
-            told=joint.told,
-            joint=joint.ends[0] if joint.ends else None,
-            progress=progress,
-        ).search()
-    open_, profiles = undecided_of(judgement), tuple(profiles_of(judgement.result))
-    return FoundAnswer(
-        judgement, heldout_gap, evidence, by_source, best, open_, profiles=profiles, notes=judgement.notes
-    )
+    return replace(found, best=best.search())
 
 
 def answer_by_evidence(
     ready: ReadyLogs, kinds: Sequence[type[Effect]], settings: Settings, progress: Callable[[str], None]
 ) -> FoundAnswer:
     """The answer of the engine: one evidence of all sets of effects, and of a force without a name beside them."""
-    judged, gap = ready.judged, ready.heldout_gap
+    judged = ready.judged
     hypotheses = list_hypotheses(kinds_by_evidence(kinds, settings), judged.robot, clock_of(ready.checks))
     bench = Bench(hypotheses, settings.tolerances, judged.states, ready.replayer)
-    search = Search(bench, gap.folds, progress)
+    search = Search(bench, ready.heldout_gap.folds, progress)
     progress(f"step 2 of 4, search: {len(hypotheses)} hypotheses (an effect at a location)")
     start, found = search.explore()
-    draws = settings.noise_draws_of(sum(judged.rows))
-    gap = gap.at_stable_horizon(candidate_of(found), draws, np.random.default_rng(settings.seed))
+    gap = at_stable_horizon(ready, candidate_of(found), settings)
     judgement = conclude(search, start, found, gap)
-    told = gather([states.log for states in judged.whole], judged.robot)
-    of_evidence = judgement.undecided, judgement.numbers, judgement.moments, judgement.residual
     contacts = [
         f"contacts by {one.in_words} fit these logs better than the model's own; causes were looked for beside them"
         for one in found.simulation
     ]
-    return FoundAnswer(judgement, gap, told, None, None, *of_evidence, notes=(*judgement.notes, *contacts))
+    judgement = replace(judgement, notes=(*judgement.notes, *contacts))
+    return FoundAnswer(judgement, gap, gather([states.log for states in judged.whole], judged.robot))
+
+
+def at_stable_horizon(ready: ReadyLogs, found: Candidate, settings: Settings) -> HeldOutGap:
+    """The gap at the longest horizon at which a right answer would show to be right."""
+    draws, rng = settings.noise_draws_of(sum(ready.judged.rows)), np.random.default_rng(settings.seed)
+    return ready.heldout_gap.at_stable_horizon(found, draws, rng)
+
+
+def pieces_of(ready: ReadyLogs, settings: Settings) -> ShortRollouts:
+    """Short pieces of the logs, whose errors are whitened for the nominal robot."""
+    most = settings.pieces(len(ready.given.logs))
+    pieces = ShortRollouts.of(ready.judged.states, ready.replayer, settings.horizon_s, settings.every_s, most)
+    return pieces.whiten_for(pieces.on_every_log(()))
 
 
 def with_best_simulator(
@@ -363,11 +347,9 @@ def with_best_simulator(
     """An answer by evidence with a fit of all usual effects about it, where the settings ask for one."""
     if not settings.best:
         return answer
-    judged, most = ready.judged, settings.pieces(len(ready.given.logs))
-    pieces = ShortRollouts.of(judged.states, ready.replayer, settings.horizon_s, settings.every_s, most)
-    usual = list_hypotheses(kinds, judged.robot, clock_of(ready.checks))
+    usual = list_hypotheses(kinds, ready.judged.robot, clock_of(ready.checks))
     selected, gap = answer.judgement.selected, answer.heldout_gap
-    fit = BestFit(gap, whitened(pieces), selected, usual, settings.model_error, progress=progress)
+    fit = BestFit(gap, pieces_of(ready, settings), selected, usual, settings.model_error, progress=progress)
     return replace(answer, best=fit.search())
 
 
@@ -377,11 +359,6 @@ def kinds_by_evidence(kinds: Sequence[type[Effect]], settings: Settings) -> list
         return list(kinds)
     known = (kind for kind in effects.known().values() if kind.name not in settings.without)
     return list(dict.fromkeys([*kinds, *(kind for kind in known if not overrides(kind, "change_step"))]))
-
-
-def whitened(pieces: ShortRollouts) -> ShortRollouts:
-    """Pieces whose errors are whitened for the nominal robot."""
-    return pieces.whiten_for(pieces.on_every_log(()))
 
 
 def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[type[Effect]]:

@@ -13,15 +13,15 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.channels import displaced
+from leapgap.diagnosis.experiment_nuisances import Nuisances, errors_of
 from leapgap.diagnosis.experiments.base import Experiment
 from leapgap.diagnosis.experiments.given import Given
 from leapgap.diagnosis.experiments.plans import is_possible
-from leapgap.diagnosis.gauss_newton import differences
+from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.rival_fits import Rival
 from leapgap.diagnosis.robust_least_squares import Products
-from leapgap.diagnosis.sensitivities import Sensitivities, concatenate_logs
-from leapgap.diagnosis.short_rollouts import Effects, ShortRollouts
+from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_QUATERNION
 from leapgap.logs.state import States
@@ -36,6 +36,8 @@ PIECES, LEAST_PIECES, STATES = 12, 4, 100
 """Number of short pieces in which an experiment is foretold; a diagnosis takes more, so that its gain is larger.
 
 Robots of many degrees of freedom take fewer, so that pieces times degrees are at most about ``STATES``."""
+STEP = 0.1
+"""Step of finite differences, as a share of the moderate departure."""
 GENTLER_STEPS = 4
 """Number of sizes in which each experiment is tried."""
 SENSOR_NOISE = {"imu_acc": 0.3, "foot_force": 5.0}
@@ -112,9 +114,8 @@ class Forecaster:
         states = [States.of(log, self.robot, replayer.sensors) for log in logs]
         pieces = min(PIECES, max(LEAST_PIECES, STATES // self.robot.model.nv))
         short = ShortRollouts.of(states, replayer, self.horizon_s, self.every_s, pieces)
-        around = [(h, n) for h, n in zip(self.answer.hypotheses, self.answer.split(), strict=True)]
-        seen = Sensitivities.of(short, (), self.tolerances, around)
-        slopes = self.slopes(seen.evidence, self.answer)
+        seen = Nuisances.of(short, self.answer, self.tolerances)
+        slopes = self.slopes(seen.short, self.answer)
         times = experiment.number(self.given) / len(plans)
         separations = tuple(self.separation(rival, seen, times) for rival in self.rivals)
         return Forecast(experiment, separations, self.spread_after(slopes, seen))
@@ -131,7 +132,7 @@ class Forecaster:
 
     def simulate(self, plans: Sequence[Log], replayer: Replayer) -> list[Log] | None:
         """Logs of the plans by the answer's robot, with the noise of the given logs; None where it cannot follow."""
-        acting = self.effects_of(self.answer, self.answer.numbers)
+        acting = self.answer.effects_on("", None)
         motions = replayer.motions([Rollout(plan, acting) for plan in plans])
         pairs = list(zip(plans, motions, strict=True))
         if not all(is_possible(plan, motion, self.robot) for plan, motion in pairs):
@@ -169,46 +170,37 @@ class Forecaster:
         }
         return replace(log, columns=columns)
 
-    def effects_of(self, fit: Candidate, numbers: np.ndarray) -> Effects:
-        """Effects of a fit with some numbers."""
-        return tuple(h.on("", own) for h, own in zip(fit.hypotheses, fit.split(numbers), strict=True))
-
-    def residuals(self, short: ShortRollouts, effects: Sequence[Effects]) -> list[np.ndarray]:
-        """Whitened errors (pieces, values) of several robots."""
-        found = short.residuals([short.on_every_log(one) for one in effects])
-        return [concatenate_logs(one) for one in found]
-
     def slopes(self, short: ShortRollouts, fit: Candidate) -> np.ndarray:
         """Whitened errors of a fit, then their derivatives by its numbers, (pieces, values, 1 + numbers)."""
         steps = differences(fit.hypotheses, fit.numbers)
-        tried = [fit.numbers, *(fit.numbers + by for by in steps)]
-        base, *changed = self.residuals(short, [self.effects_of(fit, numbers) for numbers in tried])
+        moved = (replace(fit, numbers=fit.numbers + by) for by in steps)
+        base, *changed = errors_of(short, [one.effects_on("", None) for one in (fit, *moved)])
         by_number = [(one - base) / by.sum() for one, by in zip(changed, steps, strict=True)]
         return np.stack([base, *by_number], axis=2)
 
-    def separation(self, rival: Rival, seen: Sensitivities, times: float) -> Separation:
+    def separation(self, rival: Rival, seen: Nuisances, times: float) -> Separation:
         """How far a rival is from the answer in an experiment of so many times the logs in which it is foretold."""
-        short = seen.evidence
-        (truth,) = self.residuals(short, [self.effects_of(self.answer, self.answer.numbers)])
+        short = seen.short
+        (truth,) = errors_of(short, [self.answer.effects_on("", None)])
         columns = self.slopes(short, rival.fit)
         columns[:, :, 0] -= truth
-        both = np.concatenate([columns, seen.nuisances], axis=2)
+        both = np.concatenate([columns, seen.columns], axis=2)
         variance = np.maximum(np.diag(rival.fit.covariance), 1e-300)
-        prior = np.concatenate([1 / variance, np.ones(seen.nuisances.shape[2])])
+        prior = np.concatenate([1 / variance, np.ones(seen.columns.shape[2])])
         products = Products.of(both)
-        weights = products.fit(prior, np.ones(len(both), bool))
+        weights = products.fit(prior)
         chi2, values = products.chi2(weights), products.values
         loss = float((values * np.log1p(chi2 / (2 * values))).sum() + 0.5 * (prior * weights[1:] ** 2).sum())
-        own = np.concatenate([columns[:, :, :1], seen.nuisances], axis=2)
-        of_tolerances = Products.of(own).fit(np.ones(seen.nuisances.shape[2]), np.ones(len(own), bool))
+        own = np.concatenate([columns[:, :, :1], seen.columns], axis=2)
+        of_tolerances = Products.of(own).fit(np.ones(seen.columns.shape[2]))
         channel, noises = largest_difference(own @ of_tolerances, short)
         return Separation(self.name, rival.name, times * loss, channel, noises)
 
-    def spread_after(self, slopes: np.ndarray, seen: Sensitivities) -> np.ndarray:
+    def spread_after(self, slopes: np.ndarray, seen: Nuisances) -> np.ndarray:
         """Standard deviation of the answer's numbers once the experiment is fitted too, (numbers,)."""
         numbers = slopes.shape[2] - 1
-        columns = np.concatenate([slopes[:, :, 1:], seen.nuisances], axis=2).reshape(
-            -1, slopes.shape[2] - 1 + seen.nuisances.shape[2]
+        columns = np.concatenate([slopes[:, :, 1:], seen.columns], axis=2).reshape(
+            -1, slopes.shape[2] - 1 + seen.columns.shape[2]
         )
         normal = columns.T @ columns
         normal[numbers:, numbers:] += np.eye(len(normal) - numbers)
@@ -217,6 +209,14 @@ class Forecaster:
         )
         before = np.linalg.pinv(self.answer.covariance)
         return np.sqrt(np.maximum(np.diag(np.linalg.pinv(before + told)), 0.0))
+
+
+def differences(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> list[np.ndarray]:
+    """A small step in each number within its range, (numbers,) each."""
+    steps = STEP * np.concatenate([h.moderate for h in hypotheses])
+    lower, upper = (np.concatenate([h.bounds[side] for h in hypotheses]) for side in (0, 1))
+    inside = (numbers + steps <= upper) & (numbers + steps >= lower)
+    return list(np.diag(np.where(inside, steps, -steps)))
 
 
 def largest_difference(whitened: np.ndarray, short: ShortRollouts) -> tuple[str, float]:

@@ -16,9 +16,8 @@ from leapgap import effects
 from leapgap.diagnosis.experiment_forecast import MOST_LOGS, Forecaster, short_plan
 from leapgap.diagnosis.experiments.base import Experiment, Repetition
 from leapgap.diagnosis.gap import candidate_squares
-from leapgap.diagnosis.hypotheses import places, usable
+from leapgap.diagnosis.hypotheses import places, tolerance, usable
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.sensitivities import tolerance
 from leapgap.diagnosis.short_rollouts import FINE
 from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import Effect
@@ -74,7 +73,7 @@ class WholeLogs:
         made = self.logs_of(plans, contact_time, rng)
         every = JudgedLogs.of([*given.logs, *made], of.robot)
         judged = replace(every, whole=every.whole[len(given.logs) :], states=every.states[len(given.logs) :])
-        answer = of.effects_of(of.answer, of.answer.numbers)
+        answer = of.answer.effects_on("", None)
         sets = [[own] * len(made) for own in ((), answer)]
         return np.asarray(candidate_squares(judged, of.replayer, sets).sum(axis=1))
 
@@ -82,7 +81,7 @@ class WholeLogs:
         """Noisy logs of plans by the answer's robot with errors within the tolerances, simulated by short steps."""
         of = self.forecaster
         acting = (
-            *of.effects_of(of.answer, of.answer.numbers),
+            *of.answer.effects_on("", None),
             *self.errors(rng),
             SimulationSettings(contact_time=contact_time),
         )

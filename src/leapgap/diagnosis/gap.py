@@ -18,7 +18,6 @@ from leapgap.diagnosis.horizons import (
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.diagnosis.restarts import RestartedReplayer, replayer_at
-from leapgap.diagnosis.short_rollouts import FINE
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.robot.motion import Motion
@@ -167,11 +166,6 @@ class HeldOutGap:
         )
 
     @property
-    def is_of_held_robot(self) -> bool:
-        """Whether the logs are of a robot without a free base: it neither lands nor falls."""
-        return not self.judged.robot.has_free_base
-
-    @property
     def before(self) -> np.ndarray:
         """Sums of squares, (logs,), of the simulation as it was given: nominal robot, claimed clock."""
         return self.nominal if self.claimed is None else self.claimed.nominal
@@ -312,21 +306,6 @@ class HeldOutGap:
     def unmoved(self) -> float:
         """Headline gap of a robot that does not move, at this horizon."""
         return next(one.unmoved for one in self.horizons if one.horizon_s == self.horizon_s)
-
-    def best_closure(self, candidate: Candidate, enough: float) -> float | None:
-        """Share of the gap that a candidate closes, where that is not ``enough`` by short steps of the simulation.
-
-        None where there is nothing to close.
-        """
-        if not candidate.hypotheses or not self.has_gap:
-            return None
-        closes = self.closure_value(*self.squares([candidate]))
-        if closes >= enough:
-            return closes
-        replayer = self.replayer.with_steps(FINE * self.replayer.largest_step_s)
-        (nominal,) = candidate_squares(self.judged, replayer, [[()] * len(self.judged.logs)])
-        finer = replace(self, replayer=replayer, nominal=nominal, cache={}, motions={})
-        return max(closes, finer.closure_value(*finer.squares([candidate])))
 
     @property
     def has_gap(self) -> bool:

@@ -113,10 +113,6 @@ class Hypothesis:
             numbers = np.where(factor, np.clip(numbers, before / STEP, before * STEP), numbers)
         return self.clip(numbers)
 
-    def allows(self, numbers: np.ndarray) -> bool:
-        """Whether all numbers are within their ranges."""
-        return bool((self.clip(numbers) == numbers).all())
-
     def at_bound(self, numbers: np.ndarray) -> bool:
         """Whether a fitted number is at the end of its range, away from nominal, so that no value in the range fits.
 
@@ -168,6 +164,12 @@ def parts_of(kind: type[Effect], robot: Robot) -> tuple[str, ...]:
         if 2 <= len(parts) <= MOST_PARTS and sorted(joints) == sorted(of["all"]):
             return parts
     return ()
+
+
+def tolerance(kind: type[Effect], robot: Robot, place: str, parameter: str, share: float) -> float:
+    """Standard deviation of an effect's parameter at a place, in its unit: a share of the model's own value there."""
+    (scale,) = (p.scale for p in kind.parameters(robot, place) if p.name == parameter)
+    return share * scale
 
 
 def usable(kind: type[Effect], robot: Robot) -> bool:

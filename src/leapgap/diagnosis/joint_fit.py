@@ -43,14 +43,16 @@ class JointFitSettings:
     """An effect that segments determine is taken away where their log likelihood falls by less without it."""
     least_gain: float = 6.0
     """An effect without which the log likelihood of whole logs and segments falls by less is taken away."""
-    least_useful: float = 0.8
-    """An effect is taken away where it helps on held-out logs in a smaller share of the resamples."""
     most_lost: float = 0.02
-    """Effects that help little stay where they explain less than this share of the gap of held-out logs."""
+    """Effects that explain less than this share of the gap of held-out logs together are taken away."""
     least_closure: float = 0.05
-    """Smallest share of the headline gap of held-out logs that the set must close beyond the cause found before."""
+    """Smallest share of the headline gap of held-out logs that the set must close beyond the clock alone."""
     least_sure: float = 0.9
     """Smallest share of resampled logs on which it must be better."""
+    enough_closure: float = 0.7
+    """An answer that explains less of the headline gap of held-out logs is ``partly``."""
+    enough_jointly: float = 0.9
+    """The same of an answer with a number at the end of its range."""
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing: a fit without a step has no derivatives."""
@@ -86,6 +88,12 @@ class JointFit:
     def closes(self, fit: FullRolloutFit) -> float:
         """Share of the headline gap that a fit closes on held-out logs."""
         return self.heldout_gap.closure_value(fit.heldout)
+
+    def surely_helps(self, fit: FullRolloutFit) -> bool:
+        """Whether a fit explains more of held-out logs than the nominal robot, beyond doubt."""
+        gap = self.heldout_gap
+        more = self.closes(fit) - gap.closure_value(gap.nominal)
+        return more >= self.plan.least_closure and gap.share_better(fit.heldout, gap.nominal) >= self.plan.least_sure
 
     @cached_property
     def likelihood(self) -> JointLikelihood:

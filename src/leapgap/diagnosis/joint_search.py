@@ -8,7 +8,7 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import in_words
 from leapgap.diagnosis.full_rollouts import FullRolloutFit
-from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.hypotheses import Hypothesis, parts_of
 from leapgap.diagnosis.joint_fit import JointFit, part, where_others_are_nominal
 
 REPLAYED = 4
@@ -19,7 +19,7 @@ KNOWN = 0.5
 
 @dataclass(frozen=True)
 class JointSearch:
-    """The search in logs by their own clock, beside which effects act at all places.
+    """The search in logs by their own clock, beside which effects act at all places, or at parts of a held robot.
 
     Short pieces answer almost linearly: effects that they tell to be absent go first, by the curvature. Whole logs
     answer to large changes in ways that no curvature tells, so that replays judge the others.
@@ -27,21 +27,24 @@ class JointSearch:
 
     joint: JointFit
 
-    def search(self, hypotheses: Sequence[Hypothesis]) -> tuple[tuple[FullRolloutFit, ...], tuple[float, ...]]:
+    def search(self, near: FullRolloutFit) -> tuple[tuple[FullRolloutFit, ...], tuple[float, ...]]:
         """Fits of the first one, two, … causes, what matters most first, and the probability of each cause.
 
-        That is the share of resampled logs on which the whole set is better than without it.
+        That is the share of resampled logs on which the whole set is better than without it. ``near`` is the fit by
+        pieces from which that to whole logs begins. Nothing where the set does not surely help.
         """
-        return self.ordered(self.reduced(self.fit_all(tuple(h for h in hypotheses if h.location == "all"))))
+        fit = self.reduced(self.joint.fit(near.hypotheses, near.numbers, self.joint.plan.all_steps))
+        return self.ordered(fit) if self.joint.surely_helps(fit) else ((), ())
 
-    def fit_all(self, every: tuple[Hypothesis, ...]) -> FullRolloutFit:
-        """The fit of all effects but those that short pieces tell to be absent."""
+    def by_pieces(self, hypotheses: Sequence[Hypothesis]) -> FullRolloutFit:
+        """The fit by short pieces of all effects but those that they tell to be absent."""
+        every = tuple(h for h in hypotheses if h.location == "all" or is_part(h))
         near = self.joint.fit(every, self.joint.numbers(every).centre, self.joint.plan.first_steps, whole=False)
         near = part(
             near, self.without_idle(near, self.losses_without, self.joint.plan.least_sign, among=self.told_by(near))
         )
         self.joint.progress(f"by short segments, {in_words(near)}")
-        return self.joint.fit(near.hypotheses, near.numbers, self.joint.plan.all_steps)
+        return near
 
     def told_by(self, fit: FullRolloutFit) -> list[int]:
         """Indices of the hypotheses of which a fit knows each number much better than it was known before."""
@@ -93,16 +96,21 @@ class JointSearch:
         return kept
 
     def without_useless(self, fit: FullRolloutFit) -> list[int]:
-        """Indices of the hypotheses that help on held-out logs, or that evidence tells; what helps least goes first."""
-        kept, draws = list(range(len(fit.hypotheses))), self.joint.heldout_gap.draws
+        """Indices of the fewest hypotheses that close nearly as much as all; what helps least goes first.
+
+        What evidence tells goes only where held-out logs are replayed better without it.
+        """
+        kept, gap, now = list(range(len(fit.hypotheses))), self.joint.heldout_gap, self.joint.closes(fit)
+        enough = now - self.joint.plan.most_lost
         while len(kept) > 1:
-            open_to_doubt = [k for k in kept if not self.joint.is_told(fit.hypotheses[k])]
-            tried = [part(fit, kept), *(part(fit, [other for other in kept if other != k]) for k in open_to_doubt)]
-            whole, *without = [squares[draws].sum(axis=1) for squares in self.joint.heldout_gap.squares(tried)]
-            sure = [float((whole < own).mean()) for own in without]
-            if not sure or min(sure) >= self.joint.plan.least_useful:
+            without = gap.squares([part(fit, [other for other in kept if other != k]) for k in kept])
+            closes = np.array([gap.closure_value(squares) for squares in without])
+            room = closes - [now if self.joint.is_told(fit.hypotheses[k]) else enough for k in kept]
+            least = int(np.argmax(room))
+            if room[least] <= 0:
                 break
-            kept.remove(open_to_doubt[int(np.argmin(sure))])
+            kept.pop(least)
+            now = float(closes[least])
         return kept
 
     def losses_without(self, fit: FullRolloutFit, kept: Sequence[int]) -> np.ndarray:
@@ -140,3 +148,9 @@ class JointSearch:
         gap = self.joint.heldout_gap
         sure = [gap.share_better(fit.heldout, own) for own in gap.squares(without)]
         return tuple(part(fit, order[: k + 1]) for k in range(len(order))), tuple(sure or [1.0])
+
+
+def is_part(hypothesis: Hypothesis) -> bool:
+    """Whether an effect acts at one of the few parts of a held robot; legs of a walking one are alike."""
+    robot = hypothesis.robot
+    return not robot.has_free_base and hypothesis.location in parts_of(hypothesis.kind, robot)

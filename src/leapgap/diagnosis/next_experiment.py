@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.experiment_forecast import Forecast, Forecaster, Separation
 from leapgap.diagnosis.experiment_whole_logs import WholeLogs
 from leapgap.diagnosis.experiments import candidates_for
@@ -24,6 +23,8 @@ ENOUGH = 60.0
 MOST_REPEATS, LEAST_TIMES = 6, 1.5
 """How many times an experiment is made at most, so that its losses add up to enough; and by what factor its loss must
 exceed today's, to which it is added."""
+RIVAL_SHARE = 0.05
+"""A rival that is best in this share of the resamples cannot be separated."""
 UNSURE, SHRINKS = 0.25, 2.0
 """A number is unsure where its standard deviation is this share of its departure from nominal.
 
@@ -219,7 +220,7 @@ def tells_apart(forecast: Forecast, today: float, rival_share: float, given: Giv
     if not forecast.experiment.is_alike(given) or not 0 < rival_share < 1:
         return True
     sigmas = NormalDist().inv_cdf(1 - rival_share)
-    wanted = NormalDist().inv_cdf(1 - DecisionThresholds.rival_share)
+    wanted = NormalDist().inv_cdf(1 - RIVAL_SHARE)
     return sigmas * math.sqrt(1 + forecast.least / max(today, 1e-9)) >= wanted
 
 

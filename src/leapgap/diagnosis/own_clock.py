@@ -5,15 +5,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.candidates import Candidate, nominal_candidate
 from leapgap.diagnosis.checks import CheckResult, row_clocks_of
-from leapgap.diagnosis.decision import Conclusion
-from leapgap.diagnosis.gap import HeldOutGap
+from leapgap.diagnosis.engine.verdict import Conclusion, Judgement
 from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.diagnosis.rival_fits import Rival, Undecided
 from leapgap.effects.measurements import SamplePeriod
 from leapgap.logs.row_clock import with_clock
 from leapgap.robot.model import Robot
+
+AT_END = "a fitted number is at the end of its range: another cause may act in its place"
 
 
 @dataclass(frozen=True)
@@ -47,31 +50,34 @@ class OwnClock:
         """The clock as a cause: its share is one, and nothing of it is fitted to what is scored."""
         return Hypothesis(RestoredPeriod, self.robot, per_log=self.scales)
 
-    def with_cause(self, candidate: Candidate, folds: int) -> Candidate:
+    def with_cause(self, candidate: Candidate) -> Candidate:
         """A candidate with the clock as its first cause."""
-        numbers = len(candidate.numbers)
+        numbers, folds = len(candidate.numbers), len(candidate.fold_numbers)
         covariance = np.zeros((numbers + 1, numbers + 1))
         covariance[1:, 1:] = candidate.covariance
-        of_folds = candidate.fold_numbers if numbers else np.zeros((folds, 0))
         return Candidate(
             (self.hypothesis, *candidate.hypotheses),
             np.concatenate([[1.0], candidate.numbers]),
             covariance,
-            np.column_stack([np.ones(len(of_folds)), of_folds]),
+            np.column_stack([np.ones(folds), candidate.fold_numbers]),
         )
 
-    def with_clock(self, conclusion: Conclusion, nominal: Candidate, heldout_gap: HeldOutGap) -> Conclusion:
-        """A conclusion about logs by their own clock, with that clock as the first cause.
+    def conclude(self, joint: JointFit, steps: Sequence[Candidate], sure: Sequence[float]) -> Judgement:
+        """The judgement: the clock, which is sure, and the causes of a joint fit after it.
 
-        The clock is sure. Where nothing else is believed, or what is left is large, it explains the gap partly.
+        ``steps`` are fits of the first one, two, … of these, and ``sure`` the probability of each. No value that a
+        robot may have fits where a number ends at its range, so that another cause may act then.
         """
-        folds = int(heldout_gap.folds.max()) + 1
-        steps = tuple(self.with_cause(step, folds) for step in (nominal, *conclusion.steps))
-        answer = ((self.hypothesis.name,), *conclusion.answer)
-        verdict = "named" if conclusion.verdict == "none" else conclusion.verdict
-        return Conclusion(
-            "partly" if verdict == "unknown" else verdict, answer, steps, (1.0, *conclusion.probabilities)
-        )
+        gap, plan = joint.heldout_gap, joint.plan
+        every = (nominal_candidate(int(gap.folds.max()) + 1), *steps)
+        found, with_clock = every[-1], tuple(map(self.with_cause, every))
+        enough = plan.enough_jointly if found.at_bound else plan.enough_closure
+        explained = not gap.has_gap or gap.closure_value(*gap.squares([found])) >= enough
+        answer = tuple((step.names[-1],) for step in with_clock)
+        conclusion = Conclusion("named" if explained else "partly", answer, with_clock, (1.0, *sure))
+        undecided = Undecided(fits=(Rival(found.names[0], found),)) if steps else Undecided()
+        notes = () if explained or not found.at_bound else (AT_END,)
+        return Judgement(conclusion, with_clock[-1], undecided=undecided, notes=notes)
 
 
 def own_clock(judged: JudgedLogs, checks: Sequence[CheckResult], sizes: Mapping[str, float]) -> OwnClock | None:

@@ -48,23 +48,13 @@ class Cause:
     effect: str
     location: str
     probability: float
-    """Share of the bootstrap resamples in which it is part of the best set on held-out logs."""
+    """Its share of the evidence of all effects in its place; of uneven time stamps, that of the resamples with it."""
     parameters: Mapping[str, ParameterEstimate]
     per_log: Mapping[str, Mapping[str, float]]
     closure: Interval
     gap: float
     """Headline gap on held-out logs with this effect added."""
     confusable_with: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Profile:
-    """Loss of log likelihood about the best value of one parameter, over all logs."""
-
-    effect: str
-    label: str
-    values: tuple[float, ...]
-    loss: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -119,7 +109,6 @@ class ReportContent:
     next_experiment: Mapping[str, Any] | None
     not_judged: tuple[str, ...]
     """What could not be judged because columns are missing."""
-    profiles: tuple[Profile, ...]
     gap_per_log: Mapping[str, Mapping[str, float]]
     """Headline gap of each log: nominal and corrected (held out)."""
     landing_misplaced_m: Mapping[str, Mapping[str, float]]
@@ -133,7 +122,7 @@ class ReportContent:
     notes: tuple[str, ...] = ()
     """What is unusual, left out or changed of the robot's file and of the logs, such as gravity that is not Earth's."""
     evidence_numbers: Numbers | None = None
-    """g, u, d and c of the engine; None where another search was made."""
+    """g, u, d and c of the engine; None where time stamps are uneven."""
     residual_force: tuple[ResidualForce, ...] = ()
     """The force that replays lack at each degree of freedom, by evidence."""
     best_simulator: BestSimulator | None = None

@@ -34,21 +34,18 @@ class Products:
         """Negative log likelihood of each piece, (pieces,); near 0 where noise explains it."""
         return losses(self.chi2(weights), self.values)
 
-    def fit(
-        self, prior: np.ndarray, pieces: np.ndarray, iterations: int = ITERATIONS, furthest: float = np.inf
-    ) -> np.ndarray:
-        """Weights of the columns with 1 first, that explain the chosen pieces best, by reweighted least squares.
+    def fit(self, prior: np.ndarray, furthest: float = np.inf) -> np.ndarray:
+        """Weights of the columns with 1 first, that explain all pieces best, by reweighted least squares.
 
         ``prior`` (columns − 1,) is 1/σ² of each weight about 0; 0 is free. Weights that are not free stay within
         ``furthest`` σ.
         """
         with np.errstate(divide="ignore"):
             most = np.where(prior > 0, furthest / np.sqrt(prior), np.inf)
-        few = Products(self.gram[pieces], self.values)
         weights = np.concatenate([[1.0], np.zeros(len(prior))])
-        for _ in range(iterations):
-            emphasis = 2 * self.values / (self.values + few.chi2(weights))
-            total = np.tensordot(emphasis, few.gram, axes=1)
+        for _ in range(ITERATIONS):
+            emphasis = 2 * self.values / (self.values + self.chi2(weights))
+            total = np.tensordot(emphasis, self.gram, axes=1)
             normal = total[1:, 1:] + np.diag(prior)
             normal += 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(normal))
             before, weights = weights, np.concatenate([[1.0], solve_within(normal, -total[1:, 0], most)])

@@ -4,10 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from leapgap.diagnosis.decision_thresholds import DecisionThresholds
 from leapgap.diagnosis.joint_fit import JointFitSettings
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
-from leapgap.diagnosis.selection import SearchSettings
 from leapgap.effects.model_field import ModelField
 from leapgap.errors import InputError
 
@@ -49,8 +47,6 @@ class Settings:
     """Number of segments that are replayed of each log, if that is fewer than ``most_pieces`` in all."""
     most_pieces: int = 48
     """Largest number of segments that are replayed of all logs together."""
-    plan: SearchSettings = field(default_factory=SearchSettings)
-    doubts: DecisionThresholds = field(default_factory=DecisionThresholds)
     tolerances: dict[str, float] = field(default_factory=lambda: dict(TOLERANCES))
     """``effect.parameter`` → standard deviation of that number of the model, in units of the model's own value
     (``Parameter.scale``): a share of its armature, friction or mass; m where the model has no such number."""

@@ -148,7 +148,8 @@ class SmoothCourse:
 
     def __call__(self, rows: Sequence[int], after: float) -> np.ndarray:
         """By how much the state changes in ``after`` mean rows from some rows on, (rows, nq + nv)."""
-        return np.array([self.at(self.when[row] + after)[0] - self.at(self.when[row])[0] for row in rows])
+        changes = [self.at(self.when[row] + after)[0] - self.at(self.when[row])[0] for row in rows]
+        return np.reshape(changes, (len(rows), self.logged.qpos.shape[1] + self.logged.qvel.shape[1]))
 
 
 def smooth_starts(logged: Motion, rows: Sequence[int], log: Log, robot: Robot) -> tuple[Starts, np.ndarray]:
@@ -244,16 +245,6 @@ class ShortRollouts:
     def whiten_for(self, effects: Sequence[Effects]) -> "ShortRollouts":
         """The same with the whitening for a robot with these effects, one tuple for each log."""
         return replace(self, whitening=tuple(self._whitening(effects)))
-
-    @property
-    def size(self) -> int:
-        """Number of pieces of all logs."""
-        return sum(len(p.starts.rows) for p in self.pieces)
-
-    @property
-    def log_of_piece(self) -> np.ndarray:
-        """Index of the log that each piece is of, (pieces,)."""
-        return np.repeat(np.arange(len(self.pieces)), [len(p.starts.rows) for p in self.pieces])
 
     def on_every_log(self, effects: Effects) -> list[Effects]:
         """The same effects for every log."""

@@ -5,15 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from leapgap import effects
-from leapgap.diagnosis.candidates import Candidate, SearchResult
+from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.channels import is_logged, state_channels
 from leapgap.diagnosis.closure import SIGMAS, Interval
-from leapgap.diagnosis.decision import Conclusion, Judgement
-from leapgap.diagnosis.engine.verdict import EvidenceJudgement
+from leapgap.diagnosis.engine.verdict import Conclusion, Judgement
 from leapgap.diagnosis.gap import HeldOutFigures
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.report import Cause, ParameterEstimate, Profile
+from leapgap.diagnosis.report import Cause, ParameterEstimate
 
 MOST_SAID = 4
 """The sentence names so many causes at most; all stand in the table below it."""
@@ -24,7 +23,7 @@ FAR = 4.0
 
 
 def causes_of(
-    judgement: Judgement | EvidenceJudgement, figures: Sequence[HeldOutFigures], logs: Sequence[str], model_error: float
+    judgement: Judgement, figures: Sequence[HeldOutFigures], logs: Sequence[str], model_error: float
 ) -> list[Cause]:
     """Selected effects, then their confusable alternatives, then all single effects, by probability.
 
@@ -64,16 +63,6 @@ def cause_of(
         parameters[p.name] = ParameterEstimate(value, (ends[0], ends[1]), p.nominal, p.unit, at_bound)
     per_log = {} if hypothesis.per_log is None else {log: hypothesis.values(log, numbers) for log in logs}
     return Cause(hypothesis.name, hypothesis.location, sure, parameters, per_log, figures.closure, figures.gap, rivals)
-
-
-def profiles_of(result: SearchResult) -> list[Profile]:
-    """Profile likelihoods in the form of the report, with place and unit."""
-    profiles = []
-    for profile in result.profiles:
-        h, parameter = profile.hypothesis, profile.hypothesis.parameters[0]
-        label = f"{parameter.name} ({parameter.unit})" if h.per_log is None else "share of the estimated sample period"
-        profiles.append(Profile(h.label, label, tuple(profile.values.tolist()), tuple(profile.loss.tolist())))
-    return profiles
 
 
 def sentence(

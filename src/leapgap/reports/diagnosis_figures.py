@@ -14,7 +14,7 @@ from leapgap.diagnosis.report import Cause, ReportContent
 from leapgap.diagnosis.restarts import RestartedReplayer
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.diagnosis.summary import brief
-from leapgap.effects import effect_words, label_words, parameter_words
+from leapgap.effects import effect_words
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
 from leapgap.reports.channels_data import LABELS, row_of
@@ -22,9 +22,6 @@ from leapgap.reports.page import CORRECTED, GREY, NOMINAL, REAL, heat_map
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
-
-HALF_OF_CHI2_95 = 1.92
-"""Loss of log likelihood at the end of a parameter's 95 % interval, for errors that are noise alone."""
 
 
 @dataclass(frozen=True)
@@ -130,39 +127,6 @@ def closures(report: ReportContent) -> go.Figure:
     )
     figure.update_layout(height=80 + 34 * len(causes), margin={"l": 170, "r": 20, "t": 10, "b": 45})
     figure.update_xaxes(title_text="explained gap, %")
-    return figure
-
-
-def profiles(report: ReportContent) -> go.Figure:
-    """Profile likelihood of each hypothesis's parameter: a narrow minimum means that the data determine it well."""
-    columns = min(3, len(report.profiles))
-    rows = max(1, -(-len(report.profiles) // columns))
-    figure = make_subplots(
-        rows=rows,
-        cols=columns,
-        subplot_titles=[label_words(p.effect) for p in report.profiles],
-        shared_yaxes=True,
-        horizontal_spacing=0.05,
-        vertical_spacing=0.4 / rows,
-    )
-    for i, one in enumerate(report.profiles):
-        at = {"row": i // columns + 1, "col": i % columns + 1}
-        figure.add_trace(
-            go.Scatter(
-                x=one.values,
-                y=one.loss,
-                mode="lines+markers",
-                showlegend=False,
-                line={"color": CORRECTED},
-                hovertemplate="%{x:.3g}: %{y:.1f} worse<extra></extra>",
-            ),
-            **at,
-        )
-        figure.update_xaxes(title_text=parameter_words(one.label.removesuffix(" (1)")), title_font={"size": 11}, **at)
-    figure.add_hline(y=HALF_OF_CHI2_95, line={"color": GREY, "dash": "dot", "width": 1})
-    figure.update_yaxes(range=[0, 5 * HALF_OF_CHI2_95])
-    figure.update_annotations(font_size=12)
-    figure.update_layout(height=70 + 230 * rows, margin={"l": 45, "r": 15, "t": 35, "b": 45})
     return figure
 
 

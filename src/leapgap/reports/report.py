@@ -60,8 +60,6 @@ def html(
     }
     if len(report.horizons) > 1:
         figures["horizons"] = show.horizons(report)
-    if report.profiles:
-        figures["profiles"] = show.profiles(report)
     config = report.provenance.config
     lengths = {name: config[name] for name in ("horizon_s", "every_s") if name in config}
     alike = show.similarity(report.causes, logs, robot, **lengths)

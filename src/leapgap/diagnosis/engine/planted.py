@@ -99,7 +99,7 @@ class Planted:
 def likeliest(columns: np.ndarray) -> tuple[float, np.ndarray]:
     """Loss of distances (column 0), nats, by the numbers of the other columns that make them likeliest; the numbers."""
     products, prior = Products.of(columns), np.ones(columns.shape[2] - 1)
-    weights = products.fit(prior, np.arange(len(columns)), furthest=FURTHEST)
+    weights = products.fit(prior, FURTHEST)
     return products.penalised_loss(weights, prior), weights[1:]
 
 

@@ -13,8 +13,7 @@ from leapgap.diagnosis.engine.evidence import BLOCK_S, Blocks, Evidence, Whitene
 from leapgap.diagnosis.engine.intervals import Effects, Intervals
 from leapgap.diagnosis.engine.responses import Columns, Linearisation, late_feedback, rough_steps, shared
 from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
-from leapgap.diagnosis.hypotheses import Hypothesis, places
-from leapgap.diagnosis.sensitivities import tolerance, usable
+from leapgap.diagnosis.hypotheses import Hypothesis, places, tolerance, usable
 from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import Effect, overrides
 from leapgap.logs.state import States

@@ -18,8 +18,7 @@ from functools import partial
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate, clip_numbers, in_words
-from leapgap.diagnosis.decision import Conclusion
+from leapgap.diagnosis.candidates import Candidate, clip_numbers, in_words, nominal_candidate
 from leapgap.diagnosis.engine.search import LEAST_GAIN, LEAST_SHARE, UNNAMED, Found, Search, few_of_each, screen
 from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks
 from leapgap.diagnosis.full_rollouts import FullRollouts
@@ -86,19 +85,35 @@ class ResidualForce:
 
 
 @dataclass(frozen=True)
-class EvidenceJudgement:
-    """A search by evidence with its conclusion."""
+class Conclusion:
+    """Verdict and answer of a diagnosis."""
+
+    verdict: str
+    answer: tuple[tuple[str, ...], ...]
+    """Each cause, followed by the rivals that cannot be told apart from it."""
+    steps: tuple[Candidate, ...] = ()
+    """Fits of the first one, two, … causes; the last is the answer's."""
+    probabilities: tuple[float, ...] = ()
+    """How sure each cause is."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A search with its conclusion."""
 
     conclusion: Conclusion
     selected: Candidate
-    others: list[tuple[Candidate, float]]
+    """The answer's fit; the nominal robot where there is no answer."""
+    others: Sequence[tuple[Candidate, float]] = ()
     """One fit for each further hypothesis that was judged, with the probability of its newest effect."""
-    numbers: Numbers
-    moments: Sequence[Moment]
-    residual: tuple[ResidualForce, ...]
+    numbers: Numbers | None = None
+    """None of logs by their own clock."""
+    moments: Sequence[Moment] = ()
+    """By evidence, where something without a name acts beside the answer."""
+    residual: tuple[ResidualForce, ...] = ()
     undecided: Undecided = field(default_factory=Undecided)
     notes: tuple[str, ...] = ()
-    """Why a set that was found is no answer."""
+    """What a report must say of it, such as why a set that was found is no answer."""
 
 
 def candidate_of(found: Found, order: Sequence[int] | None = None) -> Candidate:
@@ -134,7 +149,7 @@ def rivals_of(search: Search, found: Found, member: int) -> list[Rival]:
     return sorted(others, key=lambda rival: rival.loss)
 
 
-def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> EvidenceJudgement:
+def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Judgement:
     """The conclusion of a search: verdict, causes in the order of what they explain, and the four numbers."""
     # Whole logs of feet are chaotic: they fit no numbers, and a set closes nothing where it surely does not.
     on_feet = search.bench.robot.stands
@@ -143,7 +158,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
         found = without_outweighed(search, found)
     blocks = len(found.point.evidence.levels)
     u, before = found.unnamed, start.unnamed
-    nominal = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((int(gap.folds.max()) + 1, 0)))
+    nominal = nominal_candidate(int(gap.folds.max()) + 1)
     moments, of_nominal = moments_of(found), moments_of(start)
     explained, others = is_explained(moments), partial(single_effects, search, start)
     unknown = Conclusion("unknown", ())
@@ -151,7 +166,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     as_it_is = of_nominal, residual_of(start, start)
     if not found.members:
         numbers = Numbers(0.0, u, before, None, None, blocks)
-        return EvidenceJudgement(without, nominal, others(start), numbers, *as_it_is)
+        return Judgement(without, nominal, others(start), numbers, *as_it_is)
     losses = [found.evidence - found.evidence_without([m]) for m in range(len(found.members))]
     order = [int(m) for m in np.argsort(losses)[::-1]]
     rivals = [rivals_of(search, found, m) for m in order]
@@ -175,10 +190,10 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     )
     closes = figures.closure.high if on_feet else figures.closure.value
     if gap.has_gap and closes < LEAST_CLOSURE:
-        return EvidenceJudgement(without, nominal, others(start), numbers, *as_it_is)
+        return Judgement(without, nominal, others(start), numbers, *as_it_is)
     if why := refusal(found, explained, gained if unnamed > HALF else None, figures, gap):
         notes = (f"{in_words(steps[-1])} {why}",)
-        return EvidenceJudgement(unknown, nominal, others(start), numbers, *as_it_is, notes=notes)
+        return Judgement(unknown, nominal, others(start), numbers, *as_it_is, notes=notes)
     at_end = steps[-1].at_bound
     if not explained or at_end:
         verdict = "partly"
@@ -187,9 +202,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Evi
     sure = tuple(1 / (1 + sum(np.exp(-np.clip(r.loss, -50, 50)) for r in own)) for own in rivals)
     undecided = undecided_of(search, found, order, near, steps[-1])
     conclusion = Conclusion(verdict, answer, tuple(steps), sure)
-    return EvidenceJudgement(
-        conclusion, steps[-1], others(found), numbers, moments, residual_of(start, found), undecided
-    )
+    return Judgement(conclusion, steps[-1], others(found), numbers, moments, residual_of(start, found), undecided)
 
 
 def refusal(found: Found, explained: bool, outweighed: float | None, figures: HeldOutFigures, gap: HeldOutGap) -> str:
