@@ -28,16 +28,12 @@ IN_PARTS = (Weighting(0.1, False), Weighting(0.5, False))
 """Weightings of fits of effects at parts of the robot about the best of those."""
 HANDICAPS = (1.0, 1.02, 1.04)
 """Factors on the squares of the answer, of fits of all effects and of fits in parts: more numbers must help more."""
-LEAST_BETTER = 0.01
-"""A fit of all effects must close more of the gap of held-out logs than the answer by this share."""
-WORTH_A_STEP = 0.05
-"""All effects are fitted again where the best fit leaves a larger share of the gap."""
+LEAST_BETTER = 0.01  # A fit of all effects must close more of the gap of held-out logs than the answer by this share
+WORTH_A_STEP = 0.05  # All effects are fitted again where the best fit leaves a larger share of the gap
 LEAST_INFORMED = 0.5
 """The logs hardly determine a number of whose standard deviation beforehand they leave a larger share."""
-ALIKE = 0.9
-"""Correlation from which on two numbers do the same to the logs."""
-MADE_UP = 0.95
-"""Multiple correlation from which on other numbers together do the same as one."""
+ALIKE = 0.9  # Correlation from which on two numbers do the same to the logs
+MADE_UP = 0.95  # Multiple correlation from which on other numbers together do the same as one
 
 
 @dataclass(frozen=True)
@@ -51,11 +47,9 @@ class BestNumber:
     ci95: tuple[float, float]
     nominal: float
     unit: str
-    named: bool
-    """Whether the answer names the effect."""
+    named: bool  # Whether the answer names the effect
     believed: bool
-    why: tuple[str, ...]
-    """Why not, in words; empty where it is believed."""
+    why: tuple[str, ...]  # Why not, in words; empty where it is believed
 
 
 @dataclass(frozen=True)
@@ -63,17 +57,13 @@ class BestSimulator:
     """The candidate that replays held-out logs best, with what is to be believed of its numbers."""
 
     candidate: Candidate
-    source: str
-    """``answer``, or ``joint fit`` of all effects."""
-    closure: Interval
-    """Of logs held out, the choice among candidates included."""
+    source: str  # ``answer``, or ``joint fit`` of all effects
+    closure: Interval  # Of logs held out, the choice among candidates included
     gap: float
     closure_of_answer: float
-    tried: int
-    """Number of candidates that it was chosen among, the answer included."""
+    tried: int  # Number of candidates that it was chosen among, the answer included
     numbers: tuple[BestNumber, ...]
-    effects: tuple[Effect, ...]
-    """With the numbers fitted to all logs."""
+    effects: tuple[Effect, ...]  # With the numbers fitted to all logs
 
     @property
     def believed(self) -> tuple[BestNumber, ...]:
@@ -120,8 +110,7 @@ class JointCandidate:
     fits: LinearFits
     weighting: Weighting
     candidate: Candidate
-    handicap: float
-    """Factor on its squares where candidates are compared."""
+    handicap: float  # Factor on its squares where candidates are compared
 
     @property
     def spread_left(self) -> np.ndarray:
@@ -137,12 +126,10 @@ class BestFit:
     short: ShortRollouts
     answer: Candidate
     hypotheses: Sequence[Hypothesis]
-    model_error: float
-    """As in ``Settings``."""
+    model_error: float  # As in ``Settings``
     told: Mapping[str, Evidence] = field(default_factory=dict)
     """Evidence by the parameter that it tells; these numbers are held."""
-    joint: Linearised | None = None
-    """Where a joint fit of all effects has ended; None: it is made here."""
+    joint: Linearised | None = None  # Where a joint fit of all effects has ended; None: it is made here
     progress: Callable[[str], None] = lambda _: None
 
     def search(self) -> BestSimulator:

@@ -8,8 +8,7 @@ import numpy as np
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import Effect
 
-LEAST_SPREADS = 2.0
-"""A number differs from nominal when it is more than this many standard deviations away."""
+LEAST_SPREADS = 2.0  # A number differs from nominal when it is more than this many standard deviations away
 
 
 @dataclass(frozen=True)
@@ -17,12 +16,9 @@ class Candidate:
     """A set of hypotheses that act together, with their fitted numbers."""
 
     hypotheses: tuple[Hypothesis, ...]
-    numbers: np.ndarray
-    """Fitted on all logs; one vector for all hypotheses, (numbers,)."""
-    covariance: np.ndarray
-    """Covariance of the numbers, (numbers, numbers)."""
-    fold_numbers: np.ndarray
-    """Fitted without each fold, (folds, numbers)."""
+    numbers: np.ndarray  # Fitted on all logs; one vector for all hypotheses, (numbers,)
+    covariance: np.ndarray  # Covariance of the numbers, (numbers, numbers)
+    fold_numbers: np.ndarray  # Fitted without each fold, (folds, numbers)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -32,22 +32,18 @@ JUMP = {
 """Channels of the headline gap of jumps and their sizes: m, m, rad, m/s, m/s, rad/s."""
 SPREAD_SHARE = 0.1
 """The size of a channel for which none is given: this share of its standard deviation within the logs."""
-LEAST_SHARE = 0.1
-"""A channel's size is at least this share of the largest size among the channels of its quantity."""
-SENSORS = ("imu_acc", "foot_force")
-"""Quantities that are compared and are no part of the state."""
+LEAST_SHARE = 0.1  # A channel's size is at least this share of the largest size among the channels of its quantity
+SENSORS = ("imu_acc", "foot_force")  # Quantities that are compared and are no part of the state
 FAST_S = 0.01
 """What a sensor beside the state does faster than this is not told from noise: impacts, vibration, its own filter."""
-LEAST_SPREAD = 1e-6
-"""Smallest spread, so that a channel in which nothing moves can be divided by its size."""
+LEAST_SPREAD = 1e-6  # Smallest spread, so that a channel in which nothing moves can be divided by its size
 
 
 @dataclass(frozen=True)
 class Channel:
     """One compared component of the robot's state."""
 
-    name: str
-    """Name of the column; ``base_roll``, ``base_pitch`` and ``base_yaw`` for the orientation of the base."""
+    name: str  # Name of the column; ``base_roll``, ``base_pitch`` and ``base_yaw`` for the orientation of the base
     quantity: str
     """``base_pos``, ``base_turn``, ``base_linvel``, ``base_angvel``, ``joint_pos``, ``joint_vel``; beside the state
     ``imu_acc`` and ``foot_force``."""
@@ -55,8 +51,7 @@ class Channel:
     entry: int
     """Index in the tangent of the state: position 3, rotation in base axes 3, joints; then their velocities; then what
     sensors beside the state measure."""
-    scale: float = 1.0
-    """Size of the channel: its errors are divided by it in the headline gap."""
+    scale: float = 1.0  # Size of the channel: its errors are divided by it in the headline gap
 
     @property
     def is_state(self) -> bool:

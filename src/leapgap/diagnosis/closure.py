@@ -6,11 +6,9 @@ import numpy as np
 
 from leapgap.diagnosis.judged_logs import JudgedLogs
 
-LEAST_ABOVE = 0.05
-"""Smallest gap above the noise floor, as a share of the floor, of which a reduction can be stated."""
+LEAST_ABOVE = 0.05  # Smallest gap above the noise floor, as a share of the floor, of which a reduction can be stated
 
-SIGMAS = 1.96
-"""Half width of a 95 % interval in standard deviations."""
+SIGMAS = 1.96  # Half width of a 95 % interval in standard deviations
 
 
 @dataclass(frozen=True)

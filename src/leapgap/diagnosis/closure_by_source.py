@@ -8,20 +8,16 @@ from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.joint_fit import JointFit
 
-STEPS = 2
-"""Largest number of steps of the fit without evidence, from the answer's numbers on."""
+STEPS = 2  # Largest number of steps of the fit without evidence, from the answer's numbers on
 
 
 @dataclass(frozen=True)
 class ClosureBySource:
     """Shares of the headline gap that are closed on held-out logs."""
 
-    evidence: Interval
-    """By the numbers that evidence tells, and nothing fitted."""
-    fits: Interval
-    """By the answer's effects with every number fitted, those of evidence too."""
-    both: Interval
-    """By the answer: numbers of evidence are held, the others fitted."""
+    evidence: Interval  # By the numbers that evidence tells, and nothing fitted
+    fits: Interval  # By the answer's effects with every number fitted, those of evidence too
+    both: Interval  # By the answer: numbers of evidence are held, the others fitted
 
 
 def closure_by_source(joint: JointFit, answer: Candidate) -> ClosureBySource | None:

@@ -23,10 +23,8 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
 BEFORE, AFTER = "before", "after"
-MODEL_ERROR = 0.08
-"""Relative error of a difference because the simulation differs from the robot, in its interval."""
-SHOWN = 8
-"""Number of smallest changes that are reported."""
+MODEL_ERROR = 0.08  # Relative error of a difference because the simulation differs from the robot, in its interval
+SHOWN = 8  # Number of smallest changes that are reported
 
 
 @dataclass(frozen=True)
@@ -34,12 +32,9 @@ class Changed:
     """One effect that acts after and not before, or by another amount."""
 
     label: str
-    says: str
-    """With its numbers, after less before."""
-    ci95: tuple[tuple[float, float], ...]
-    """Of each number, after less before."""
-    rivals: tuple[str, ...]
-    """Other effects that could as well have changed."""
+    says: str  # With its numbers, after less before
+    ci95: tuple[tuple[float, float], ...]  # Of each number, after less before
+    rivals: tuple[str, ...]  # Other effects that could as well have changed
 
 
 @dataclass(frozen=True)
@@ -47,12 +42,9 @@ class Comparison:
     """What changed between two sets of logs."""
 
     changed: tuple[Changed, ...]
-    guesses: tuple[Changed, ...]
-    """What would be named, were it not for something without a name that acts in the logs."""
-    unnamed: tuple[float, float]
-    """Evidence of a force without a name before and after, nats for each 0.1 s."""
-    smallest: dict[str, str]
-    """Smallest change of single effects at the whole robot that these logs would have shown."""
+    guesses: tuple[Changed, ...]  # What would be named, were it not for something without a name that acts in the logs
+    unnamed: tuple[float, float]  # Evidence of a force without a name before and after, nats for each 0.1 s
+    smallest: dict[str, str]  # Smallest change of single effects at the whole robot that these logs would have shown
     logs: tuple[int, int]
     varying: tuple[str, ...]
     """Effects that seem to differ between the sets, and differ as much from log to log within them."""

@@ -16,10 +16,8 @@ from leapgap.logs.noise import noise_of
 from leapgap.logs.reading import FEWEST, SetAside
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION, quantity_of
 
-FEWEST_LOGS = 3
-"""Logs from which on one can depart from the others."""
-LONGEST_SPIKE = 3
-"""Rows of the longest excursion that counts as a spike."""
+FEWEST_LOGS = 3  # Logs from which on one can depart from the others
+LONGEST_SPIKE = 3  # Rows of the longest excursion that counts as a spike
 SPIKE_FLOORS = {
     "base_pos": 0.05,
     "base_quat": 0.03,
@@ -52,15 +50,12 @@ closely enough to tell that lag."""
 NEAREST = 0.2
 """A joint follows as in other logs where its distance from the set point is not smaller than this share of theirs, nor
 theirs than this share of its own: motions differ."""
-LONGEST_LAG_S = 0.5
-"""Lags of a robot behind its commands are looked for up to this, before and after."""
+LONGEST_LAG_S = 0.5  # Lags of a robot behind its commands are looked for up to this, before and after
 LEAST_LAG_S, LEAST_LAG_ROWS, LAG_SPREADS = 0.05, 3, 3.0
 """A lag departs by more than this, s and rows, and by so many times the range of the other logs' lags."""
-LAG_EXPLAINS = 4.0
-"""At the other logs' lag, so many times as much of the motion is left unexplained as at its own."""
+LAG_EXPLAINS = 4.0  # At the other logs' lag, so many times as much of the motion is left unexplained as at its own
 
-Values = Mapping[str, float]
-"""Channel → statistic of one log."""
+Values = Mapping[str, float]  # Channel → statistic of one log
 
 
 @dataclass(frozen=True)
@@ -68,12 +63,9 @@ class Statistic:
     """One number of each channel of a log, and when it departs from the others."""
 
     of: Callable[[Log], Values]
-    ratio: float
-    """To the median of the other logs, above which it departs."""
-    floor: float
-    """It departs above this value only."""
-    says: str
-    """What is found, with ``{channel}``, ``{value}`` and ``{usual}``."""
+    ratio: float  # To the median of the other logs, above which it departs
+    floor: float  # It departs above this value only
+    says: str  # What is found, with ``{channel}``, ``{value}`` and ``{usual}``
 
 
 def without_departing(logs: Sequence[Log]) -> tuple[list[Log], list[SetAside]]:
@@ -328,10 +320,8 @@ class Lag:
     """How far the joints of a log move behind their set points."""
 
     seconds: float
-    correlation: float
-    """Of positions and set points at that lag, over all joints."""
-    at: Callable[[float], float]
-    """The same at another lag, s."""
+    correlation: float  # Of positions and set points at that lag, over all joints
+    at: Callable[[float], float]  # The same at another lag, s
 
 
 def lag_of(log: Log, joints: Sequence[str]) -> Lag | None:

@@ -18,11 +18,9 @@ from leapgap.robot.model import Robot
 class DescriptionFigures:
     """What another description of the robot makes of the gap."""
 
-    robot: str
-    """Name of its file; of a mix, which parts of it stand in the robot that was given."""
+    robot: str  # Name of its file; of a mix, which parts of it stand in the robot that was given
     gap: float
-    closure: Interval
-    """Beside the robot that was given; of logs by their own clock, with what that clock closes."""
+    closure: Interval  # Beside the robot that was given; of logs by their own clock, with what that clock closes
     landing_misplaced_cm: float | None
     """Mean absolute error of the trunk's x in the last judged row; None without a base."""
 

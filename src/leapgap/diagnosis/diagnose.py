@@ -41,8 +41,7 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 
-RECURRING = 3
-"""Number of forces from outside from which on all may not be alike."""
+RECURRING = 3  # Number of forces from outside from which on all may not be alike
 
 
 @dataclass(frozen=True)
@@ -50,18 +49,12 @@ class Diagnosis:
     """A report with the replays made for it."""
 
     report: ReportContent
-    logs: tuple[Log, ...]
-    """The logs, by their own clock where that is another than they claim."""
-    nominal: Mapping[str, Motion]
-    """Replay of each log by the nominal robot, all rows."""
-    corrected: Mapping[str, Motion]
-    """Replay of each log with the answer as fitted without it."""
-    correction: tuple[Effect, ...]
-    """The answer fitted on all logs; the median where values differ by log."""
-    sensors: tuple[str, ...] = ()
-    """Columns of sensors beside the state that the replays hold."""
-    fit: Candidate | None = None
-    """The answer's fit, whose covariance says how its numbers hang together."""
+    logs: tuple[Log, ...]  # The logs, by their own clock where that is another than they claim
+    nominal: Mapping[str, Motion]  # Replay of each log by the nominal robot, all rows
+    corrected: Mapping[str, Motion]  # Replay of each log with the answer as fitted without it
+    correction: tuple[Effect, ...]  # The answer fitted on all logs; the median where values differ by log
+    sensors: tuple[str, ...] = ()  # Columns of sensors beside the state that the replays hold
+    fit: Candidate | None = None  # The answer's fit, whose covariance says how its numbers hang together
 
 
 def diagnose(
@@ -166,8 +159,7 @@ def diagnose(
 class ReadyLogs:
     """Logs that are ready for the search: checked, by their own clock, without what acts from outside."""
 
-    given: JudgedLogs
-    """All rows, as the logs claim."""
+    given: JudgedLogs  # All rows, as the logs claim
     judged: JudgedLogs
     replayer: Replayer
     heldout_gap: HeldOutGap
@@ -249,13 +241,10 @@ class FoundAnswer:
     """The search for causes with its conclusion."""
 
     judgement: Judgement
-    heldout_gap: HeldOutGap
-    """At the horizon at which the answer is judged."""
-    evidence: Sequence[Evidence]
-    """What the logs say without a simulation."""
+    heldout_gap: HeldOutGap  # At the horizon at which the answer is judged
+    evidence: Sequence[Evidence]  # What the logs say without a simulation
     by_source: ClosureBySource | None = None
-    best: BestSimulator | None = None
-    """None where the settings ask for none."""
+    best: BestSimulator | None = None  # None where the settings ask for none
 
 
 def find_answer(

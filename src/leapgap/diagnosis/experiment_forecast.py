@@ -30,31 +30,24 @@ from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 
-MOST_LOGS, MOST_S = 3, 4.0
-"""An experiment is foretold from so many of its logs, and from this long a part of each, s."""
+MOST_LOGS, MOST_S = 3, 4.0  # An experiment is foretold from so many of its logs, and from this long a part of each, s
 PIECES, LEAST_PIECES, STATES = 12, 4, 100
 """Number of short pieces in which an experiment is foretold; a diagnosis takes more, so that its gain is larger.
 
 Robots of many degrees of freedom take fewer, so that pieces times degrees are at most about ``STATES``."""
-STEP = 0.1
-"""Step of finite differences, as a share of the moderate departure."""
-GENTLER_STEPS = 4
-"""Number of sizes in which each experiment is tried."""
-SENSOR_NOISE = {"imu_acc": 0.3, "foot_force": 5.0}
-"""Noise of a sensor that nobody has read yet, m/s² and N."""
+STEP = 0.1  # Step of finite differences, as a share of the moderate departure
+GENTLER_STEPS = 4  # Number of sizes in which each experiment is tried
+SENSOR_NOISE = {"imu_acc": 0.3, "foot_force": 5.0}  # Noise of a sensor that nobody has read yet, m/s² and N
 
 
 @dataclass(frozen=True)
 class Separation:
     """How far a rival's prediction is from the answer's in one experiment, with its numbers and tolerances adapted."""
 
-    truth: str
-    """The cause of the robot that makes the experiment."""
+    truth: str  # The cause of the robot that makes the experiment
     rival: str
-    loss: float
-    """Expected loss of its log likelihood, over pieces of all logs of the experiment."""
-    channel: str
-    """Channel in which the two differ most."""
+    loss: float  # Expected loss of its log likelihood, over pieces of all logs of the experiment
+    channel: str  # Channel in which the two differ most
     noises: float
     """Root mean square of that difference, in standard deviations of the channel's noise, with today's numbers."""
 
@@ -65,8 +58,7 @@ class Forecast:
 
     experiment: Experiment
     separations: tuple[Separation, ...]
-    spread: np.ndarray
-    """Standard deviation of the answer's numbers after the experiment, (numbers,)."""
+    spread: np.ndarray  # Standard deviation of the answer's numbers after the experiment, (numbers,)
 
     @property
     def least(self) -> float:
@@ -80,8 +72,7 @@ class Forecaster:
 
     judged: JudgedLogs
     replayer: Replayer
-    name: str
-    """Name of the cause that is taken for true."""
+    name: str  # Name of the cause that is taken for true
     answer: Candidate
     rivals: tuple[Rival, ...]
     tolerances: Mapping[str, float]

@@ -17,8 +17,7 @@ from leapgap.robot.model import Robot
 class Nuisances:
     """What nuisances change of short pieces of a robot with some causes."""
 
-    short: ShortRollouts
-    """The pieces, their errors whitened for that robot."""
+    short: ShortRollouts  # The pieces, their errors whitened for that robot
     columns: np.ndarray
     """Changes of the whitened errors by one standard deviation of each nuisance, (pieces, values, nuisances)."""
 

@@ -17,34 +17,27 @@ from leapgap.diagnosis.hypotheses import Hypothesis
 
 DIFFERENCE = 0.25
 """Step of finite differences, as a share of the moderate departure; wide, because contacts make full rollouts rough."""
-EVERY_S = 0.02
-"""Interval between the instants at which errors are compared, s."""
+EVERY_S = 0.02  # Interval between the instants at which errors are compared, s
 DAMPINGS = (0.03, 0.3, 2.0)
 """Levenberg–Marquardt dampings that are tried at each step, as shares of the curvature; folds use the middle one."""
-STEPS = 6
-"""Largest number of Gauss–Newton steps."""
-SETTLED = 0.005
-"""A fit has converged when its loss falls by a smaller share than this."""
+STEPS = 6  # Largest number of Gauss–Newton steps
+SETTLED = 0.005  # A fit has converged when its loss falls by a smaller share than this
 
 
 @dataclass(frozen=True)
 class FullRolloutFit(Candidate):
     """A candidate fitted to full rollouts."""
 
-    loss: float
-    """Sum of squares, fitted on all logs."""
-    heldout: np.ndarray
-    """Sum of squares of each log, fitted without its fold, (logs,)."""
+    loss: float  # Sum of squares, fitted on all logs
+    heldout: np.ndarray  # Sum of squares of each log, fitted without its fold, (logs,)
 
 
 @dataclass(frozen=True)
 class Errors:
     """Scaled errors of all logs, concatenated."""
 
-    sampled: np.ndarray
-    """Errors at the rows that are compared, (values,)."""
-    squares: float
-    """Sum of squares at all rows."""
+    sampled: np.ndarray  # Errors at the rows that are compared, (values,)
+    squares: float  # Sum of squares at all rows
 
     @staticmethod
     def of(logs: Sequence[np.ndarray], every: Sequence[int]) -> "Errors":
@@ -58,8 +51,7 @@ class Slopes:
     """Errors at some numbers and their derivatives by departures of moderate size."""
 
     errors: Errors
-    by_number: np.ndarray
-    """(values, numbers)"""
+    by_number: np.ndarray  # (values, numbers)
 
     def step(self, damping: float, kept: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Levenberg–Marquardt step that lowers the squares of the kept values, in moderate departures, (numbers,)."""

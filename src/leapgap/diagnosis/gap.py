@@ -23,8 +23,7 @@ from leapgap.errors import InputError
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 
-DIVERGED_ERROR = 100.0
-"""Error assigned to diverged (non-finite) rollouts, and the bound of all scaled errors."""
+DIVERGED_ERROR = 100.0  # Error assigned to diverged (non-finite) rollouts, and the bound of all scaled errors
 STABLE = 0.7
 """A horizon is stable where a right answer would close this share of the gap, by the noise of its own replays."""
 
@@ -95,8 +94,7 @@ def folds_of(logs: int, folds: int) -> np.ndarray:
 class HeldOutFigures:
     """What a candidate makes of the headline gap on held-out logs."""
 
-    squares: np.ndarray
-    """Sums of squares, (logs,)."""
+    squares: np.ndarray  # Sums of squares, (logs,)
     gap: float
     closure: Interval
 
@@ -106,20 +104,13 @@ class HeldOutGap:
     """The headline gap of candidates on held-out logs, in replays of whole logs; each candidate is replayed once."""
 
     judged: JudgedLogs
-    replayer: Replayer | RestartedReplayer
-    """Of whole logs, or of pieces of the horizon that is judged."""
-    folds: np.ndarray
-    """Index of the fold of each log, (logs,)."""
-    nominal: np.ndarray
-    """Sums of squares of the nominal robot, (logs,)."""
-    floor: np.ndarray
-    """Sums of squares of noise alone, (logs,)."""
-    draws: np.ndarray
-    """Bootstrap resamples of logs, (draws, logs)."""
-    nominal_motions: Sequence[Motion] = ()
-    """Their replays by the nominal robot."""
-    horizons: Sequence[HorizonGap] = ()
-    """The nominal robot's gap at several horizons."""
+    replayer: Replayer | RestartedReplayer  # Of whole logs, or of pieces of the horizon that is judged
+    folds: np.ndarray  # Index of the fold of each log, (logs,)
+    nominal: np.ndarray  # Sums of squares of the nominal robot, (logs,)
+    floor: np.ndarray  # Sums of squares of noise alone, (logs,)
+    draws: np.ndarray  # Bootstrap resamples of logs, (draws, logs)
+    nominal_motions: Sequence[Motion] = ()  # Their replays by the nominal robot
+    horizons: Sequence[HorizonGap] = ()  # The nominal robot's gap at several horizons
     claimed: "HeldOutGap | None" = None
     """The same of the logs as they claim to be, where they are judged by their own clock."""
     cache: dict[int, tuple[Candidate, np.ndarray]] = field(default_factory=dict)

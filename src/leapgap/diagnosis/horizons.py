@@ -13,21 +13,17 @@ from leapgap.diagnosis.channels import channel_errors
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.restarts import restarts
 
-HORIZONS_S = (0.1, 0.3, 1.0)
-"""Horizons at which errors are told, beside whole logs."""
-INFORMATIVE = 0.5
-"""A replay is informative while its error is below this share of that of a robot that does not move."""
+HORIZONS_S = (0.1, 0.3, 1.0)  # Horizons at which errors are told, beside whole logs
+INFORMATIVE = 0.5  # A replay is informative while its error is below this share of that of a robot that does not move
 
 
 @dataclass(frozen=True)
 class HorizonGap:
     """The headline gap of replays that restart after a horizon."""
 
-    horizon_s: float | None
-    """None: whole logs."""
+    horizon_s: float | None  # None: whole logs
     nominal: float
-    unmoved: float
-    """That of a robot that does not move at each start."""
+    unmoved: float  # That of a robot that does not move at each start
 
     @property
     def is_informative(self) -> bool:

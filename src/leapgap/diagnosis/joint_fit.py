@@ -21,10 +21,8 @@ from leapgap.diagnosis.log_errors import LogErrors
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.errors import InputError
 
-DAMPINGS = (0.02, 0.2, 1.0, 5.0)
-"""Levenberg–Marquardt dampings that are tried at each step, as shares of the curvature."""
-SETTLED = 5.0
-"""A fit has converged when the logarithm of its likelihood rises by less than this."""
+DAMPINGS = (0.02, 0.2, 1.0, 5.0)  # Levenberg–Marquardt dampings that are tried at each step, as shares of the curvature
+SETTLED = 5.0  # A fit has converged when the logarithm of its likelihood rises by less than this
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,8 @@ from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.log_errors import LogErrors, difference, loss_of, normal_equations
 from leapgap.diagnosis.short_rollouts import ROUGH, ShortRollouts
 
-LOGS_AT_ONCE = 64
-"""Whole replays whose motions are in memory at once."""
-DIFFERENCE = 0.1
-"""Step of finite differences, as a share of the scale of a number."""
+LOGS_AT_ONCE = 64  # Whole replays whose motions are in memory at once
+DIFFERENCE = 0.1  # Step of finite differences, as a share of the scale of a number
 
 
 @dataclass(frozen=True)
@@ -25,12 +23,9 @@ class Numbers:
     """The numbers of a set of effects: what is expected beforehand, and which are fitted."""
 
     hypotheses: tuple[Hypothesis, ...]
-    centre: np.ndarray
-    """What evidence says, else nominal, (numbers,)."""
-    spread: np.ndarray
-    """Standard deviation of what evidence says, else a moderate departure, (numbers,)."""
-    fitted: np.ndarray
-    """Whether each number is fitted, bool, (numbers,); what evidence says is held."""
+    centre: np.ndarray  # What evidence says, else nominal, (numbers,)
+    spread: np.ndarray  # Standard deviation of what evidence says, else a moderate departure, (numbers,)
+    fitted: np.ndarray  # Whether each number is fitted, bool, (numbers,); what evidence says is held
 
     @staticmethod
     def of(hypotheses: tuple[Hypothesis, ...], told: Mapping[str, Evidence]) -> "Numbers":
@@ -87,8 +82,7 @@ class Linearised:
     about: Numbers
     numbers: np.ndarray
     errors: Sequence[LogErrors]
-    slopes: Sequence[LogErrors]
-    """Derivatives by the scaled numbers that are fitted."""
+    slopes: Sequence[LogErrors]  # Derivatives by the scaled numbers that are fitted
 
 
 @dataclass(frozen=True)

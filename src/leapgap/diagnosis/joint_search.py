@@ -11,10 +11,8 @@ from leapgap.diagnosis.full_rollouts import FullRolloutFit
 from leapgap.diagnosis.hypotheses import Hypothesis, parts_of
 from leapgap.diagnosis.joint_fit import JointFit, part, where_others_are_nominal
 
-REPLAYED = 4
-"""So many effects, those that matter least by the curvature, are taken away in turn by replays."""
-KNOWN = 0.5
-"""Pieces tell a number where its spread after them is a smaller share of the one before."""
+REPLAYED = 4  # So many effects, those that matter least by the curvature, are taken away in turn by replays
+KNOWN = 0.5  # Pieces tell a number where its spread after them is a smaller share of the one before
 
 
 @dataclass(frozen=True)

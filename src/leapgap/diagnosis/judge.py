@@ -27,14 +27,10 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
 SUPPORTED, ANOTHER, UNSUPPORTED, UNTOLD = "supported", "another number", "not supported", "undecided"
-MODEL_ERROR = 0.1
-"""Standard deviation of a share that no logs make smaller: simulations differ from robots."""
-SURE = 3.0
-"""Standard deviations by which a share differs from 0 and from 1."""
-MADE_UP = 2.0
-"""A change compensates for an effect without which it is worth this many times more."""
-CLOSELY = 3
-"""Number of further effects that are replayed in each round."""
+MODEL_ERROR = 0.1  # Standard deviation of a share that no logs make smaller: simulations differ from robots
+SURE = 3.0  # Standard deviations by which a share differs from 0 and from 1
+MADE_UP = 2.0  # A change compensates for an effect without which it is worth this many times more
+CLOSELY = 3  # Number of further effects that are replayed in each round
 
 
 @dataclass(frozen=True)
@@ -80,15 +76,11 @@ class JudgedChange:
 
     title: str
     says: str
-    verdict: str
-    """``supported``, ``another number`` of it, ``not supported`` or ``undecided`` by these logs."""
-    share: float
-    """Share of the change that the logs support, 1 if all of it."""
+    verdict: str  # ``supported``, ``another number`` of it, ``not supported`` or ``undecided`` by these logs
+    share: float  # Share of the change that the logs support, 1 if all of it
     share_ci95: tuple[float, float]
-    gain: float
-    """Evidence of the whole change over none of it, nats, beside the other changes and what else acts."""
-    instead: str | None
-    """The effect that takes its place better: what the change compensates for."""
+    gain: float  # Evidence of the whole change over none of it, nats, beside the other changes and what else acts
+    instead: str | None  # The effect that takes its place better: what the change compensates for
 
 
 @dataclass(frozen=True)
@@ -96,10 +88,8 @@ class Judgement:
     """What logs say of a correction."""
 
     changes: tuple[JudgedChange, ...]
-    further: tuple[str, ...]
-    """Effects that act besides, with their numbers."""
-    unnamed: float
-    """Evidence of a force without a name beside all that, nats for each 0.1 s."""
+    further: tuple[str, ...]  # Effects that act besides, with their numbers
+    unnamed: float  # Evidence of a force without a name beside all that, nats for each 0.1 s
     horizons: tuple[AtHorizon, ...]
     remains: Mapping[str, float]
     """Channels with their shares of the squared gap that the correction leaves, the largest first."""

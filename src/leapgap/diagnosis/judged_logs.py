@@ -28,10 +28,8 @@ from leapgap.simulation.rollout import Rollout
 
 GAIN_CHANGE_MARGIN_S = 0.010
 """Time left out before a change of gains, which reaches the motors at an unknown instant near its row."""
-SURELY_IN_FLIGHT = 1 / 3
-"""After this share of the planned flight no foot can still be at the ground from before."""
-TOUCHING_M = 0.005
-"""Largest height of a sole above the ground that counts as touching."""
+SURELY_IN_FLIGHT = 1 / 3  # After this share of the planned flight no foot can still be at the ground from before
+TOUCHING_M = 0.005  # Largest height of a sole above the ground that counts as touching
 
 
 def headline_rows(log: Log, robot: Robot) -> int:
@@ -61,20 +59,13 @@ class JudgedLogs:
     """Logs with the rows and channels that are compared; the one holder of each log's states and noise."""
 
     robot: Robot
-    whole: tuple[States, ...]
-    """States of all rows of each log."""
-    states: tuple[States, ...]
-    """Those of the judged rows."""
-    sensors: ScoredSensors
-    """Columns beside the state that are compared."""
-    logged: tuple[Channel, ...]
-    """Channels that every log has."""
-    channels: tuple[Channel, ...]
-    """Those of the headline gap, with their sizes."""
-    mapped: tuple[Channel, ...]
-    """Those of the map of where the gap lies."""
-    preset: str
-    """``jump`` for the planar channels of jumps at fixed sizes, ``all`` for every channel by its spread."""
+    whole: tuple[States, ...]  # States of all rows of each log
+    states: tuple[States, ...]  # Those of the judged rows
+    sensors: ScoredSensors  # Columns beside the state that are compared
+    logged: tuple[Channel, ...]  # Channels that every log has
+    channels: tuple[Channel, ...]  # Those of the headline gap, with their sizes
+    mapped: tuple[Channel, ...]  # Those of the map of where the gap lies
+    preset: str  # ``jump`` for the planar channels of jumps at fixed sizes, ``all`` for every channel by its spread
     row_weights: tuple[float, ...] = ()
     """How many rows each row of a log stands for, by log, where some were written at one instant; empty: one."""
 

@@ -13,45 +13,35 @@ from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.joint_likelihood import Numbers, bounded_minimum
 from leapgap.diagnosis.log_errors import PIECE_VALUES, LogErrors, independent
 
-ITERATIONS = 10
-"""Largest number of reweighted least-squares steps of a fit."""
-SETTLED = 1e-4
-"""A fit has converged when no number moves by more than this share of its moderate departure."""
+ITERATIONS = 10  # Largest number of reweighted least-squares steps of a fit
+SETTLED = 1e-4  # A fit has converged when no number moves by more than this share of its moderate departure
 USUAL_SPREAD = 1.0
 """Least standard deviation beforehand by which the interval of a number is told: however much a fit distrusts
 departures, so much was possible."""
-FREE_SPREAD = 3.0
-"""Standard deviation beforehand of a number that may depart far, in moderate departures."""
+FREE_SPREAD = 3.0  # Standard deviation beforehand of a number that may depart far, in moderate departures
 
 
 @dataclass(frozen=True)
 class Weighting:
     """How much pieces, whole logs and the nominal robot count against each other in a fit."""
 
-    spread: float
-    """Standard deviation beforehand of a number that may not depart far, in moderate departures."""
-    whole: bool
-    """Whether whole logs count, about as much as pieces; else pieces alone count, with all their values."""
+    spread: float  # Standard deviation beforehand of a number that may not depart far, in moderate departures
+    whole: bool  # Whether whole logs count, about as much as pieces; else pieces alone count, with all their values
 
 
 @dataclass(frozen=True)
 class LinearModel:
     """Errors of all logs as linear functions of the fitted numbers, in scaled departures from what is expected."""
 
-    folds: np.ndarray
-    """Fold of each log, (logs,)."""
-    fold_of_piece: np.ndarray
-    """Fold of the log of each piece, (pieces,)."""
+    folds: np.ndarray  # Fold of each log, (logs,)
+    fold_of_piece: np.ndarray  # Fold of the log of each piece, (pieces,)
     pieces: np.ndarray
     """Inner products of the errors at no departure and their derivatives, (pieces, 1 + numbers, 1 + numbers)."""
-    whole: np.ndarray
-    """The same of the whole logs, (logs, 1 + numbers, 1 + numbers)."""
+    whole: np.ndarray  # The same of the whole logs, (logs, 1 + numbers, 1 + numbers)
     piece_values: int
     whole_values: int
-    bounds: np.ndarray
-    """Lower and upper limits of the scaled departures, (2, numbers)."""
-    free: np.ndarray
-    """Whether each number may depart far, bool, (numbers,)."""
+    bounds: np.ndarray  # Lower and upper limits of the scaled departures, (2, numbers)
+    free: np.ndarray  # Whether each number may depart far, bool, (numbers,)
 
     @staticmethod
     def of(

@@ -16,12 +16,9 @@ from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 
 T = TypeVar("T")
-MOST_PIECES = 1000
-"""Largest number of pieces that are replayed of all logs, spread evenly."""
-OUTSIDE = "outside"
-"""Name of the rows that are in none of the log's segments."""
-RESAMPLES = 200
-"""Number of resamples of logs and noise for the intervals of the shares."""
+MOST_PIECES = 1000  # Largest number of pieces that are replayed of all logs, spread evenly
+OUTSIDE = "outside"  # Name of the rows that are in none of the log's segments
+RESAMPLES = 200  # Number of resamples of logs and noise for the intervals of the shares
 ALIKE = 0.15
 """Left and right that differ by less than this share of their sum are alike: a few logs give too narrow intervals,
 and the noise that shares are measured in is known to some per cent."""
@@ -31,16 +28,12 @@ and the noise that shares are measured in is known to some per cent."""
 class Place:
     """Share and size of the gap in one segment of the logs and one channel."""
 
-    phase: str
-    """Name of the segment."""
+    phase: str  # Name of the segment
     channel: str
-    share: float
-    """Share of the whole squared gap above noise, each channel in units of its noise."""
-    rms: float
-    """Root mean square of the gap, noise included."""
+    share: float  # Share of the whole squared gap above noise, each channel in units of its noise
+    rms: float  # Root mean square of the gap, noise included
     unit: str
-    share_ci95: tuple[float, float] = (0.0, 1.0)
-    """95 % interval of the share over resampled logs and draws of noise."""
+    share_ci95: tuple[float, float] = (0.0, 1.0)  # 95 % interval of the share over resampled logs and draws of noise
     as_one_with: str | None = None
     """The channel of the other side, where these logs do not tell left from right; both then have half of their sum."""
 
@@ -63,12 +56,9 @@ class Piece:
 
     log: Log
     measured: Motion
-    phases: np.ndarray
-    """Index of the phase of each row, (rows,)."""
-    phase_number: int
-    """Number of phases of all logs."""
-    sigma: np.ndarray
-    """Sensor noise of each channel of its log, (channels,)."""
+    phases: np.ndarray  # Index of the phase of each row, (rows,)
+    phase_number: int  # Number of phases of all logs
+    sigma: np.ndarray  # Sensor noise of each channel of its log, (channels,)
 
     def squares(self, errors: np.ndarray) -> np.ndarray:
         """Sums of squares of errors (rows, channels) by phase, (phases, channels)."""
@@ -146,10 +136,8 @@ def localise(
 class Shares:
     """Shares of the squared gap above noise by phase and channel, and those of resampled logs and noise."""
 
-    value: np.ndarray
-    """(phases, channels)"""
-    sample: np.ndarray
-    """(resamples, phases, channels)"""
+    value: np.ndarray  # (phases, channels)
+    sample: np.ndarray  # (resamples, phases, channels)
     twin: np.ndarray
     """Index of the channel of the other side that a channel is told as one with, (phases, channels); −1: none."""
 

@@ -7,14 +7,10 @@ import numpy as np
 
 from leapgap.diagnosis.full_rollouts import EVERY_S
 
-INDEPENDENT_S = 0.2
-"""Errors of whole replays at one instant say little more than those so long before."""
-ALIKE = 3
-"""A robot that has drifted off has done so in all channels: of so many values at an instant one counts."""
-PIECE_VALUES = 6
-"""A short piece counts as so many independent values."""
-USUAL = 1.0
-"""A usual χ² of a piece over its number of values: below it pieces count alike."""
+INDEPENDENT_S = 0.2  # Errors of whole replays at one instant say little more than those so long before
+ALIKE = 3  # A robot that has drifted off has done so in all channels: of so many values at an instant one counts
+PIECE_VALUES = 6  # A short piece counts as so many independent values
+USUAL = 1.0  # A usual χ² of a piece over its number of values: below it pieces count alike
 
 
 @dataclass(frozen=True)
@@ -23,8 +19,7 @@ class LogErrors:
 
     whole: np.ndarray
     """Scaled errors of its whole replay at the compared instants, (values,); empty where these do not count."""
-    pieces: np.ndarray
-    """Whitened errors of its short pieces, (pieces, values)."""
+    pieces: np.ndarray  # Whitened errors of its short pieces, (pieces, values)
 
 
 def normal_equations(

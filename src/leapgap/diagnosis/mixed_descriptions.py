@@ -36,8 +36,7 @@ PARTS: dict[str, tuple[tuple[Places, tuple[str, ...]], ...]] = {
     "simulation": (),
 }
 """Fields of the model that make up each part, by the places that they belong to."""
-OPTIONS = ("integrator", "cone", "impratio")
-"""Options of the model that make up the part ``simulation``."""
+OPTIONS = ("integrator", "cone", "impratio")  # Options of the model that make up the part ``simulation``
 
 
 @dataclass(frozen=True)

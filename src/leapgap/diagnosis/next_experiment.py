@@ -18,23 +18,19 @@ from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.rival_fits import Undecided
 from leapgap.simulation.replay import Replayer
 
-ENOUGH = 60.0
-"""Loss of log likelihood of the best rival that tells it apart: what a diagnosis asks of a further cause."""
+ENOUGH = 60.0  # Loss of log likelihood of the best rival that tells it apart: what a diagnosis asks of a further cause
 MOST_REPEATS, LEAST_TIMES = 6, 1.5
 """How many times an experiment is made at most, so that its losses add up to enough; and by what factor its loss must
 exceed today's, to which it is added."""
-RIVAL_SHARE = 0.05
-"""A rival that is best in this share of the resamples cannot be separated."""
+RIVAL_SHARE = 0.05  # A rival that is best in this share of the resamples cannot be separated
 UNSURE, SHRINKS = 0.25, 2.0
 """A number is unsure where its standard deviation is this share of its departure from nominal.
 
 An experiment for it must shrink that deviation by this factor."""
-MOST_CANDIDATES = 18
-"""Number of experiments that are simulated at most."""
+MOST_CANDIDATES = 18  # Number of experiments that are simulated at most
 CHECKED, CHECKED_FLOATING = 5, 2
 """Number of experiments that are foretold for the robots of the rivals too, of a held and of a floating robot."""
-LEAST_NOISES = 0.01
-"""Smallest difference, in units of noise, that is told as a number."""
+LEAST_NOISES = 0.01  # Smallest difference, in units of noise, that is told as a number
 
 
 @dataclass(frozen=True)
@@ -43,17 +39,14 @@ class NextExperiment:
 
     sentence: str
     separates: tuple[str, ...]
-    experiment: Experiment | None = None
-    """None where none tells the causes apart, or none could be foretold."""
-    repeats: int = 1
-    """How many times each of its logs is to be made."""
+    experiment: Experiment | None = None  # None where none tells the causes apart, or none could be foretold
+    repeats: int = 1  # How many times each of its logs is to be made
     expected: tuple[Mapping[str, Any], ...] = ()
     """For each rival what the experiment would show, beside what the logs show today."""
     tried: tuple[Mapping[str, Any], ...] = ()
     """Every experiment that was foretold, with its smallest loss over the rivals, and the share of the gap of its whole
     logs that the right answer would close, where that was asked for."""
-    collect: tuple[str, ...] = ()
-    """Settings of ``stages.collect``, where these make it."""
+    collect: tuple[str, ...] = ()  # Settings of ``stages.collect``, where these make it
 
     def to_json(self) -> dict[str, Any]:
         """The entry of ``report.json``."""

@@ -39,10 +39,8 @@ class RestoredPeriod(SamplePeriod):
 class OwnClock:
     """Logs by their own clock, beside what they claim."""
 
-    judged: JudgedLogs
-    """The same logs, channels and sizes, by their own clock."""
-    scales: Mapping[str, tuple[float, ...]]
-    """True over claimed mean length of a row, by the log's name."""
+    judged: JudgedLogs  # The same logs, channels and sizes, by their own clock
+    scales: Mapping[str, tuple[float, ...]]  # True over claimed mean length of a row, by the log's name
     robot: Robot
 
     @property

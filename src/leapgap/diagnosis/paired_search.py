@@ -16,20 +16,16 @@ from leapgap.diagnosis.engine.whitening import Chunks
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.effects.base import Effect
 
-SURE = 0.99
-"""Probability that a difference is no chance of logs that differ among themselves."""
-LEAST = 1e-9
-"""Share of a difference that acts before, where it needs further parts of the model."""
-SHARE = 3.0
-"""Prior standard deviation of the share of a difference that acts in a log."""
+SURE = 0.99  # Probability that a difference is no chance of logs that differ among themselves
+LEAST = 1e-9  # Share of a difference that acts before, where it needs further parts of the model
+SHARE = 3.0  # Prior standard deviation of the share of a difference that acts in a log
 
 
 @dataclass(frozen=True)
 class Difference(Hypothesis):
     """An effect that acts on the later logs alone, beside what acts in all."""
 
-    after: frozenset[str] = field(default=frozenset(), compare=False)
-    """Names of the later logs."""
+    after: frozenset[str] = field(default=frozenset(), compare=False)  # Names of the later logs
 
     @staticmethod
     def of(hypothesis: Hypothesis, after: frozenset[str]) -> "Difference":
@@ -59,8 +55,7 @@ def effect_of(hypothesis: Hypothesis) -> Hypothesis:
 class PairedColumns(Columns):
     """Columns, of which each stands a second time, for the later set alone."""
 
-    apart: int = 0
-    """How far a column of the later set alone is behind that of all logs."""
+    apart: int = 0  # How far a column of the later set alone is behind that of all logs
 
     def at(self, hypothesis: Hypothesis, number: int) -> list[int]:
         """Indices of the columns whose sum is the derivative by a number of a hypothesis."""
@@ -73,10 +68,8 @@ class PairedColumns(Columns):
 class PairedBench(Bench):
     """A bench of two sets of logs."""
 
-    effects: Sequence[Hypothesis] = ()
-    """What may act in all logs."""
-    after: frozenset[str] = frozenset()
-    """Names of the later logs."""
+    effects: Sequence[Hypothesis] = ()  # What may act in all logs
+    after: frozenset[str] = frozenset()  # Names of the later logs
     cancels: bool = False
     """Whether the model may be wrong by anything in all logs, so that differences alone are looked for."""
 

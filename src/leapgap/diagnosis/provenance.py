@@ -20,12 +20,9 @@ class Provenance:
 
     logs: Mapping[str, str]
     """SHA-256 of each log by its name, of its file where the caller names it, else of its content."""
-    versions: Mapping[str, str]
-    """Versions of the packages that influence the results."""
-    robot: str
-    """SHA-256 of the model file."""
-    config: Mapping[str, Any]
-    """The settings of the diagnosis."""
+    versions: Mapping[str, str]  # Versions of the packages that influence the results
+    robot: str  # SHA-256 of the model file
+    config: Mapping[str, Any]  # The settings of the diagnosis
 
     @staticmethod
     def of(

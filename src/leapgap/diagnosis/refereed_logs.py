@@ -24,12 +24,10 @@ from leapgap.simulation.replay import Replayer
 class AtHorizon:
     """Errors of replays that start anew from the log after a time, in units of the headline gap."""
 
-    horizon_s: float | None
-    """None: whole logs."""
+    horizon_s: float | None  # None: whole logs
     nominal: float
     corrected: float
-    frozen: float
-    """Of a robot that does not move from each start (baseline)."""
+    frozen: float  # Of a robot that does not move from each start (baseline)
 
 
 @dataclass(frozen=True)
@@ -38,8 +36,7 @@ class RefereedLogs:
 
     judged: JudgedLogs
     bench: Bench
-    folds: np.ndarray
-    """Fold of each log."""
+    folds: np.ndarray  # Fold of each log
 
     @staticmethod
     def of(where: str, logs: Sequence[Log], robot: Robot, settings: Settings, threads: int | None) -> "RefereedLogs":

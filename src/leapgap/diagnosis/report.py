@@ -27,8 +27,7 @@ class ParameterEstimate:
     ci95: tuple[float, float]
     nominal: float
     unit: str
-    at_bound: bool
-    """Whether the fit ended at a limit of the range; then its value is not reliable."""
+    at_bound: bool  # Whether the fit ended at a limit of the range; then its value is not reliable
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -52,8 +51,7 @@ class Cause:
     parameters: Mapping[str, ParameterEstimate]
     per_log: Mapping[str, Mapping[str, float]]
     closure: Interval
-    gap: float
-    """Headline gap on held-out logs with this effect added."""
+    gap: float  # Headline gap on held-out logs with this effect added
     confusable_with: tuple[str, ...]
 
 
@@ -61,25 +59,19 @@ class Cause:
 class Headline:
     """What the headline gap is the root mean square of."""
 
-    preset: str
-    """``jump``: the plane of a jump at fixed sizes; ``all``: every channel by its spread or a given size."""
-    sizes: Mapping[str, float]
-    """Channel → size by which its errors are divided, m, rad, m/s, rad/s."""
-    horizon_s: float | None
-    """Time after which replays restart from the log; None: whole logs."""
+    preset: str  # ``jump``: the plane of a jump at fixed sizes; ``all``: every channel by its spread or a given size
+    sizes: Mapping[str, float]  # Channel → size by which its errors are divided, m, rad, m/s, rad/s
+    horizon_s: float | None  # Time after which replays restart from the log; None: whole logs
 
 
 @dataclass(frozen=True)
 class HorizonError:
     """The headline gap of replays that restart from the log after a horizon."""
 
-    horizon_s: float | None
-    """None: whole logs."""
+    horizon_s: float | None  # None: whole logs
     nominal: float
-    corrected: float
-    """On held-out logs."""
-    unmoved: float
-    """That of a robot that does not move at each start."""
+    corrected: float  # On held-out logs
+    unmoved: float  # That of a robot that does not move at each start
 
 
 @dataclass(frozen=True)
@@ -102,31 +94,24 @@ class ReportContent:
     where: tuple[Place, ...]
     causes: tuple[Cause, ...]
     checks: tuple[CheckResult, ...]
-    evidence: tuple[Evidence, ...]
-    """What the logs say of the robot's numbers without a simulation."""
+    evidence: tuple[Evidence, ...]  # What the logs say of the robot's numbers without a simulation
     descriptions: tuple[DescriptionFigures, ...]
     """Other descriptions of the robot, each as it is; the one that explains most first."""
     next_experiment: Mapping[str, Any] | None
-    not_judged: tuple[str, ...]
-    """What could not be judged because columns are missing."""
-    gap_per_log: Mapping[str, Mapping[str, float]]
-    """Headline gap of each log: nominal and corrected (held out)."""
+    not_judged: tuple[str, ...]  # What could not be judged because columns are missing
+    gap_per_log: Mapping[str, Mapping[str, float]]  # Headline gap of each log: nominal and corrected (held out)
     landing_misplaced_m: Mapping[str, Mapping[str, float]]
     """Error of the trunk's x in the last judged row (touch-down), simulated − logged: nominal and corrected (held out)
     of each log; empty without a base."""
     provenance: Provenance
     set_aside: Mapping[str, str] = field(default_factory=dict)
     """Name → reason of each log that was left out: it could not be used, or departs from the others."""
-    outside_forces: tuple[OutsideForce, ...] = ()
-    """External forces and moments, by log and time."""
+    outside_forces: tuple[OutsideForce, ...] = ()  # External forces and moments, by log and time
     notes: tuple[str, ...] = ()
     """What is unusual, left out or changed of the robot's file and of the logs, such as gravity that is not Earth's."""
-    evidence_numbers: Numbers | None = None
-    """g, u, d and c of the engine; None where time stamps are uneven."""
-    residual_force: tuple[ResidualForce, ...] = ()
-    """The force that replays lack at each degree of freedom, by evidence."""
-    best_simulator: BestSimulator | None = None
-    """All effects fitted together; None where the settings ask for none."""
+    evidence_numbers: Numbers | None = None  # g, u, d and c of the engine; None where time stamps are uneven
+    residual_force: tuple[ResidualForce, ...] = ()  # The force that replays lack at each degree of freedom, by evidence
+    best_simulator: BestSimulator | None = None  # All effects fitted together; None where the settings ask for none
 
     @property
     def median_log(self) -> str:

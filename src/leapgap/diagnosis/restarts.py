@@ -15,8 +15,7 @@ from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout, Starts
 
-StartNoise = np.ndarray
-"""Small steps of each start in the tangent of its state, (starts, 2 nv)."""
+StartNoise = np.ndarray  # Small steps of each start in the tangent of its state, (starts, 2 nv)
 
 
 @dataclass(frozen=True)

@@ -4,16 +4,14 @@ from dataclasses import dataclass
 
 from leapgap.diagnosis.candidates import Candidate
 
-PLACES = 2
-"""Number of rivals in the place of one cause that experiments are to tell apart."""
+PLACES = 2  # Number of rivals in the place of one cause that experiments are to tell apart
 
 
 @dataclass(frozen=True)
 class Rival:
     """A set of causes that could be true."""
 
-    name: str
-    """Name of the effect that may be the one."""
+    name: str  # Name of the effect that may be the one
     fit: Candidate
 
 
@@ -21,9 +19,6 @@ class Rival:
 class Undecided:
     """What an answer leaves open."""
 
-    names: tuple[str, ...] = ()
-    """The first cause of the answer that has rivals, with these; empty where none has."""
-    fits: tuple[Rival, ...] = ()
-    """The answer, and fits with the other names in its place; empty without an answer."""
-    share: float = 0.0
-    """Probability of the likeliest rival."""
+    names: tuple[str, ...] = ()  # The first cause of the answer that has rivals, with these; empty where none has
+    fits: tuple[Rival, ...] = ()  # The answer, and fits with the other names in its place; empty without an answer
+    share: float = 0.0  # Probability of the likeliest rival

@@ -16,10 +16,8 @@ ITERATIONS = 12
 class Products:
     """Inner products of the columns of every piece."""
 
-    gram: np.ndarray
-    """(pieces, columns, columns); column 0 holds the errors to be explained."""
-    values: int
-    """Number of compared values of a piece."""
+    gram: np.ndarray  # (pieces, columns, columns); column 0 holds the errors to be explained
+    values: int  # Number of compared values of a piece
 
     @staticmethod
     def of(columns: np.ndarray) -> "Products":

@@ -27,11 +27,9 @@ from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout, Starts
 
 Effects = tuple[Effect, ...]
-RolloutRequest = tuple[int, Effects, Starts]
-"""Replays of pieces of one log: index of the log, effects, starts."""
+RolloutRequest = tuple[int, Effects, Starts]  # Replays of pieces of one log: index of the log, effects, starts
 
-SMOOTHED_S = 0.009
-"""Starts are smoothed by a parabola through the rows up to this time before and after them."""
+SMOOTHED_S = 0.009  # Starts are smoothed by a parabola through the rows up to this time before and after them
 FINE, ROUGH = 0.255, 2.0
 """Largest simulation steps as shares of the replayer's. Replays of short steps show the error of the nominal step. Long
 steps are accurate enough for differences, but for those of nuisances in the search one by one."""
@@ -46,10 +44,8 @@ LEAST_NOISE = {
     "foot_force": 0.1,
 }
 """Lower bound of a quantity's noise, m, rad, m/s, rad/s, m/s², N, since logs are rounded to a last digit."""
-ROLLOUTS_AT_ONCE = 200
-"""Largest number of rollouts in one batch of a thread; it bounds memory."""
-SHARES = 3
-"""Number of batches for each thread; several, so that no thread waits long for another."""
+ROLLOUTS_AT_ONCE = 200  # Largest number of rollouts in one batch of a thread; it bounds memory
+SHARES = 3  # Number of batches for each thread; several, so that no thread waits long for another
 
 
 @dataclass(frozen=True)
@@ -137,8 +133,7 @@ class SmoothCourse:
     """Smoothed states of a log at any instant."""
 
     logged: Motion
-    when: np.ndarray
-    """Instants of the rows, in mean rows, (rows,)."""
+    when: np.ndarray  # Instants of the rows, in mean rows, (rows,)
     reach: int
 
     def at(self, instant: float) -> tuple[np.ndarray, float]:
@@ -180,10 +175,8 @@ class Pieces:
     log: Log
     logged: Motion
     starts: Starts
-    noise: np.ndarray
-    """Standard deviation of the log's sensor noise, (channels,)."""
-    start_noise: np.ndarray
-    """Share of the noise that remains in the smoothed starts, (pieces,)."""
+    noise: np.ndarray  # Standard deviation of the log's sensor noise, (channels,)
+    start_noise: np.ndarray  # Share of the noise that remains in the smoothed starts, (pieces,)
     fitted_noise: np.ndarray
     """Standard deviation of states of the starts that were not logged, in their tangent, (pieces, 2 nv)."""
     ages: np.ndarray

@@ -14,12 +14,9 @@ from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.report import Cause, ParameterEstimate
 
-MOST_SAID = 4
-"""The sentence names so many causes at most; all stand in the table below it."""
-NOTICEABLE = 0.05
-"""Smallest share of the gap that is stated as a percentage."""
-FAR = 4.0
-"""Times what noise makes of whole logs from which a gap without a cause is told apart from noise."""
+MOST_SAID = 4  # The sentence names so many causes at most; all stand in the table below it
+NOTICEABLE = 0.05  # Smallest share of the gap that is stated as a percentage
+FAR = 4.0  # Times what noise makes of whole logs from which a gap without a cause is told apart from noise
 
 
 def causes_of(

@@ -15,8 +15,7 @@ from leapgap.logs.velocity_channel import in_time
 from leapgap.registry import classes_by_name
 from leapgap.robot.model import Robot
 
-ENTRY_POINTS = "leapgap.checks"
-"""Group under which other packages offer checks."""
+ENTRY_POINTS = "leapgap.checks"  # Group under which other packages offer checks
 
 
 @cache

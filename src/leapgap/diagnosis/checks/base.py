@@ -19,8 +19,7 @@ class CheckResult:
     statistic: float
     threshold: float
     says: str
-    per_log: dict[str, float]
-    """The statistic's estimate on each log, by the log's name."""
+    per_log: dict[str, float]  # The statistic's estimate on each log, by the log's name
     clocks: Mapping[str, tuple[float, ...]] | None = field(default=None, repr=False)
     """True over claimed sample period of each log, where the check measures it; several where it changes within."""
 
@@ -39,14 +38,10 @@ class Check(ABC):
     """One consistency check. A subclass in a file of this package is all that a further check takes."""
 
     name: ClassVar[str]
-    threshold: ClassVar[float]
-    """The statistic up to which a check passes, where settings name no other."""
-    place: ClassVar[int] = 100
-    """Checks are run, and reported, in this order."""
-    needs_robot: ClassVar[bool] = True
-    """Whether the logs alone do not suffice."""
-    needs_all_rows: ClassVar[bool] = False
-    """Whether the rows that are not judged tell something too."""
+    threshold: ClassVar[float]  # The statistic up to which a check passes, where settings name no other
+    place: ClassVar[int] = 100  # Checks are run, and reported, in this order
+    needs_robot: ClassVar[bool] = True  # Whether the logs alone do not suffice
+    needs_all_rows: ClassVar[bool] = False  # Whether the rows that are not judged tell something too
     velocities_in_time: ClassVar[bool] = False
     """Whether it judges something else than the velocity columns, which are then moved by the lag that they have."""
 

@@ -12,14 +12,10 @@ from leapgap.logs.noise import noise_of, ticks_of
 from leapgap.robot.model import Robot
 
 T = TypeVar("T")
-CLAIMED = (1.0,)
-"""The clock of a log that is too short or too still to have one of its own: that which it claims."""
-RESOLVED_S = 0.002
-"""Up to this period velocities between rows are taken as straight lines, at longer ones as splines."""
-SURE = 3.0
-"""A clock is another than the claimed one from so many standard deviations on of what the columns resolve."""
-SPAN_S = 0.02
-"""Increments of position are compared with summed velocities over this time."""
+CLAIMED = (1.0,)  # The clock of a log that is too short or too still to have one of its own: that which it claims
+RESOLVED_S = 0.002  # Up to this period velocities between rows are taken as straight lines, at longer ones as splines
+SURE = 3.0  # A clock is another than the claimed one from so many standard deviations on of what the columns resolve
+SPAN_S = 0.02  # Increments of position are compared with summed velocities over this time
 
 
 def clock_scale(
@@ -113,22 +109,17 @@ def of_joints(
 SHRUNK = 3.0
 """Stiffness over inertia of a joint over what the change of its velocity over a row shows of it, at most: 2.6 in a
 simulated arm that goes half of the way to its set points within a row."""
-LOCAL_S = 0.02
-"""Half width, standard deviation, of the window of a local clock."""
-LOCAL_REACH = 8.0
-"""That window ends after so many standard deviations."""
-LOCAL_PRIOR = 0.05
-"""Weight of the log's mean clock in a local one, as a share of what a window says on average."""
+LOCAL_S = 0.02  # Half width, standard deviation, of the window of a local clock
+LOCAL_REACH = 8.0  # That window ends after so many standard deviations
+LOCAL_PRIOR = 0.05  # Weight of the log's mean clock in a local one, as a share of what a window says on average
 
 
 @dataclass(frozen=True)
 class LocalClock:
     """A clock as it changes within a log."""
 
-    values: np.ndarray
-    """True over claimed period, one value every so many rows."""
-    error: float
-    """Standard deviation of such a value by what the columns resolve, root mean square."""
+    values: np.ndarray  # True over claimed period, one value every so many rows
+    error: float  # Standard deviation of such a value by what the columns resolve, root mean square
 
 
 def local_clock(
@@ -175,8 +166,7 @@ def local_clock(
     return LocalClock(values, float(error))
 
 
-LOCAL_EVERY_S = 0.02
-"""A local clock has one value for each stretch of this length."""
+LOCAL_EVERY_S = 0.02  # A local clock has one value for each stretch of this length
 
 
 def local_clocks(logs: Sequence[Log], robot: Robot | None = None) -> dict[str, LocalClock] | None:
@@ -197,12 +187,9 @@ def local_clocks(logs: Sequence[Log], robot: Robot | None = None) -> dict[str, L
 class Clock:
     """The clock of a whole log."""
 
-    scale: float | None
-    """True over claimed period; None where nothing tells it."""
-    error: float
-    """Standard deviation of it by what the columns resolve."""
-    ripple: float = 0.0
-    """By how much set points that are held for a row may bias it (``ripple_of``)."""
+    scale: float | None  # True over claimed period; None where nothing tells it
+    error: float  # Standard deviation of it by what the columns resolve
+    ripple: float = 0.0  # By how much set points that are held for a row may bias it (``ripple_of``)
 
     @staticmethod
     def of(log: Log, position: np.ndarray, velocity: np.ndarray) -> "Clock":

@@ -13,10 +13,8 @@ from leapgap.robot.kinematics import centre_of_mass
 from leapgap.robot.model import Robot
 from leapgap.robot.model_file import gravity_of
 
-GRAVITY = 9.81
-"""Of a model for which the check speaks of g, m/s²."""
-SHORTEST_FALL_S = 0.05
-"""A shorter stretch of flight does not say how the robot falls."""
+GRAVITY = 9.81  # Of a model for which the check speaks of g, m/s²
+SHORTEST_FALL_S = 0.05  # A shorter stretch of flight does not say how the robot falls
 MARGIN_S = 0.03
 """So much at both ends of a flight is left out: a foot that is a little above the ground may still touch it."""
 

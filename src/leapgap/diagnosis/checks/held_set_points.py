@@ -12,12 +12,9 @@ from leapgap.logs.held_set_points import hold_of, on_lines
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
-HOLDS, SHORTEST_S = 6, 0.2
-"""Pieces last so many holds, and so long at least."""
-FEWEST = 3
-"""Fewer pieces tell nothing."""
-SURE = 3.0
-"""Standard errors by which set points stand, or do not."""
+HOLDS, SHORTEST_S = 6, 0.2  # Pieces last so many holds, and so long at least
+FEWEST = 3  # Fewer pieces tell nothing
+SURE = 3.0  # Standard errors by which set points stand, or do not
 
 
 class HeldSetPoints(Check):

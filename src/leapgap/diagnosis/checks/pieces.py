@@ -19,8 +19,7 @@ from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 
-MOST = 24
-"""Largest number of pieces."""
+MOST = 24  # Largest number of pieces
 
 
 def as_logged(log: Log) -> Log:
@@ -34,12 +33,9 @@ class Pieces:
 
     robot: Robot
     replayer: Replayer
-    logs: tuple[Log, ...]
-    """Each piece as a log; states that were not measured are in its columns as they are estimated."""
-    of_log: tuple[str, ...]
-    """Name of the log that each piece is of."""
-    resolved: np.ndarray
-    """Standard deviation of the noise of positions, (joints,), the largest of the logs."""
+    logs: tuple[Log, ...]  # Each piece as a log; states that were not measured are in its columns as they are estimated
+    of_log: tuple[str, ...]  # Name of the log that each piece is of
+    resolved: np.ndarray  # Standard deviation of the noise of positions, (joints,), the largest of the logs
 
     @staticmethod
     def of(logs: Sequence[Log], robot: Robot, starts: Sequence[Sequence[int]], rows: int) -> "Pieces":

@@ -10,12 +10,9 @@ from leapgap.logs.contacts import feet_in_world, has_feet_in_world, longest_stan
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
-PLANTED_EVERY_S = 0.005
-"""Planted feet are looked at so often."""
-PLANTED_SHARE = 0.8
-"""Of the longest time in which all feet stand: at its end some may slip before they leave."""
-SHORTEST_STANCE_S = 0.1
-"""A shorter stance does not say whether feet stay."""
+PLANTED_EVERY_S = 0.005  # Planted feet are looked at so often
+PLANTED_SHARE = 0.8  # Of the longest time in which all feet stand: at its end some may slip before they leave
+SHORTEST_STANCE_S = 0.1  # A shorter stance does not say whether feet stay
 
 
 class PlantedFeet(Check):

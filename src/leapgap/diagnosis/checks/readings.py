@@ -13,14 +13,10 @@ from leapgap.robot.model import Robot
 MEASURED, POINTS, TORQUE = ("joint_pos", "joint_vel", "tau"), ("cmd_pos", "cmd_vel"), ("cmd_tau",)
 COMMANDS = (*POINTS, *TORQUE, "cmd_kp", "cmd_kd")
 ANGLES = ("joint_pos", "joint_vel", "cmd_pos", "cmd_vel")
-MOST_ORDERS = 4
-"""Up to so many joints every order of them is one."""
-MOST_PAIRS = 7
-"""Up to so many joints every two may be exchanged, else neighbours, and what is alike in two limbs."""
-FOUR = 4
-"""Limbs that may be exchanged in pairs."""
-LARGEST_ANGLE = 4.0
-"""A column in which nothing is larger is in no other unit than rad."""
+MOST_ORDERS = 4  # Up to so many joints every order of them is one
+MOST_PAIRS = 7  # Up to so many joints every two may be exchanged, else neighbours, and what is alike in two limbs
+FOUR = 4  # Limbs that may be exchanged in pairs
+LARGEST_ANGLE = 4.0  # A column in which nothing is larger is in no other unit than rad
 
 
 @dataclass(frozen=True)
@@ -28,8 +24,7 @@ class Reading:
     """One way to read the columns."""
 
     says: str
-    joints: tuple[str, ...]
-    """Those that it concerns."""
+    joints: tuple[str, ...]  # Those that it concerns
     read: Callable[[Log], Log]
 
 

@@ -11,8 +11,7 @@ from leapgap.logs.row_clock import RowClock
 from leapgap.logs.row_clock_estimate import UNEVEN, row_clock
 from leapgap.robot.model import Robot
 
-STALL_S, STALL_ROWS = 0.008, 5
-"""A row that lasts so long, and so many mean rows, is a stall."""
+STALL_S, STALL_ROWS = 0.008, 5  # A row that lasts so long, and so many mean rows, is a stall
 
 
 class EvenRows(Check):

@@ -10,8 +10,7 @@ from leapgap.logs.log import Log
 from leapgap.logs.noise import noise_of
 from leapgap.robot.model import Robot
 
-SEEN = 5.0
-"""Positions move that spread by so many standard deviations of their noise."""
+SEEN = 5.0  # Positions move that spread by so many standard deviations of their noise
 SAME = 1e-3
 """Set points that differ from the positions by less than this share of their motion in the same or a near row are
 these positions."""

@@ -14,14 +14,10 @@ from leapgap.logs.log import Log
 from leapgap.logs.state import commanded_torque
 from leapgap.robot.model import Robot
 
-WINDOW_S = 0.03
-"""Length of the pieces that begin where more is asked than the model gives."""
-ROWS = 4
-"""They have so many rows at least."""
-SURE = 3.0
-"""Standard errors by which a robot delivers more than the limit, or not all that is asked."""
-TOLD = 3
-"""So many joints are told, those with the most such rows."""
+WINDOW_S = 0.03  # Length of the pieces that begin where more is asked than the model gives
+ROWS = 4  # They have so many rows at least
+SURE = 3.0  # Standard errors by which a robot delivers more than the limit, or not all that is asked
+TOLD = 3  # So many joints are told, those with the most such rows
 NOISE = 3.0
 """More is asked than the limit where it is more by so many standard deviations of what measurements make of it."""
 LIKE_ASKED = 2.0

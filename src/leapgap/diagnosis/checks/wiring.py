@@ -12,31 +12,23 @@ from leapgap.diagnosis.checks.readings import Reading, readings
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
-PIECES, LENGTH_S, ROWS = 12, 0.05, 4
-"""Pieces of all logs together; they last so long and have so many rows at least."""
-SEEN = 5.0
-"""A joint tells something where it departs from even motion by so many standard deviations of its noise."""
-STILL = 1e-9
-"""A joint that departs from even motion by less, rad or m, counts as if it did by that."""
+PIECES, LENGTH_S, ROWS = 12, 0.05, 4  # Pieces of all logs together; they last so long and have so many rows at least
+SEEN = 5.0  # A joint tells something where it departs from even motion by so many standard deviations of its noise
+STILL = 1e-9  # A joint that departs from even motion by less, rad or m, counts as if it did by that
 UNEXPLAINED = 0.9
 """A joint is in doubt where replays miss so much of its departure from even motion, in the median of the logs: with
 columns of something else they miss all of it or more."""
-FIRST_LOOK = 4
-"""Readings are tried on so many of the pieces first, and on all where these speak for one."""
-MOST_READINGS = 4
-"""So many readings may hold together."""
-AS_GOOD = 0.8
-"""Another reading is a rival where it makes the gap so many times as much smaller as the best."""
+FIRST_LOOK = 4  # Readings are tried on so many of the pieces first, and on all where these speak for one
+MOST_READINGS = 4  # So many readings may hold together
+AS_GOOD = 0.8  # Another reading is a rival where it makes the gap so many times as much smaller as the best
 
 
 @dataclass(frozen=True)
 class Judged:
     """The errors that replays make by a reading."""
 
-    missed: np.ndarray
-    """Share of its departure from even motion that a replay misses, (joints,); root mean squares."""
-    by_log: np.ndarray
-    """The same of each log, (logs, joints)."""
+    missed: np.ndarray  # Share of its departure from even motion that a replay misses, (joints,); root mean squares
+    by_log: np.ndarray  # The same of each log, (logs, joints)
 
 
 class Wiring(Check):

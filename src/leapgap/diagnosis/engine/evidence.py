@@ -10,38 +10,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-BLOCK_S = 0.1
-"""Length of a block, s: the force without a name has one level in it."""
+BLOCK_S = 0.1  # Length of a block, s: the force without a name has one level in it
 
-ROUNDS = 8
-"""Most rounds in which levels and numbers are told in turn."""
+ROUNDS = 8  # Most rounds in which levels and numbers are told in turn
 
-Whitened = Sequence[np.ndarray]
-"""Columns at each level, (chunks, longest, channels, columns)."""
+Whitened = Sequence[np.ndarray]  # Columns at each level, (chunks, longest, channels, columns)
 
 
 @dataclass(frozen=True)
 class Posterior:
     """What logs say of a set of columns."""
 
-    evidence: float
-    """Log of the marginal likelihood, nats."""
-    mean: np.ndarray
-    """(columns,)"""
-    covariance: np.ndarray
-    """(columns, columns)"""
+    evidence: float  # Log of the marginal likelihood, nats
+    mean: np.ndarray  # (columns,)
+    covariance: np.ndarray  # (columns, columns)
 
 
 @dataclass(frozen=True)
 class Blocks:
     """The blocks of all logs."""
 
-    places: Sequence[tuple[int, int, int]]
-    """Chunk, first interval and the one after the last."""
-    log: np.ndarray
-    """(blocks,)"""
-    constant: np.ndarray
-    """Log determinants of the innovations' covariances, (levels, blocks)."""
+    places: Sequence[tuple[int, int, int]]  # Chunk, first interval and the one after the last
+    log: np.ndarray  # (blocks,)
+    constant: np.ndarray  # Log determinants of the innovations' covariances, (levels, blocks)
 
     @staticmethod
     def of(determinants: Sequence[np.ndarray], valid: np.ndarray, log_of_chunk: np.ndarray, per_block: int) -> "Blocks":
@@ -84,10 +75,8 @@ class Evidence:
     """Inner products of errors (column 0) and columns, for each level and block."""
 
     blocks: Blocks
-    gram: np.ndarray
-    """(levels, blocks, 1 + columns, 1 + columns)"""
-    levels: np.ndarray
-    """Index of the level of each block, (blocks,)."""
+    gram: np.ndarray  # (levels, blocks, 1 + columns, 1 + columns)
+    levels: np.ndarray  # Index of the level of each block, (blocks,)
 
     @staticmethod
     def of(blocks: Blocks, columns: Whitened, known: np.ndarray) -> "Evidence":

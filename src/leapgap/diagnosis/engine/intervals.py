@@ -35,12 +35,10 @@ T = TypeVar("T")
 WITH_FORCE = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
 DIVERGED = 1e4
 """A replay with a larger state than this has left the world of numbers; it counts as one that stays where it began."""
-SEGMENT, LEAST_SEGMENT = 64, 16
-"""Largest number of intervals of a segment, and the smallest of many logs."""
+SEGMENT, LEAST_SEGMENT = 64, 16  # Largest number of intervals of a segment, and the smallest of many logs
 MOST_S, MOST_WITH_FEET_S = 12.0, 6.0
 """About how much is kept of all logs together, s; replays of a robot with feet take longer."""
-LONG = 1.25
-"""Intervals of more steps than this many times the usual number are replayed apart."""
+LONG = 1.25  # Intervals of more steps than this many times the usual number are replayed apart
 MEMORY = 4
 """Number of intervals that a replay with states of its own (a lag, an elastic gear) lasts after its first one."""
 
@@ -49,12 +47,9 @@ MEMORY = 4
 class Shares:
     """The rows of some intervals, one interval after the other."""
 
-    counts: np.ndarray
-    """Rows of each interval, (intervals,)."""
-    starts: np.ndarray
-    """The first of them, (intervals,)."""
-    lengths: np.ndarray
-    """Of each row, in any unit, (rows,)."""
+    counts: np.ndarray  # Rows of each interval, (intervals,)
+    starts: np.ndarray  # The first of them, (intervals,)
+    lengths: np.ndarray  # Of each row, in any unit, (rows,)
 
     @property
     def each(self) -> np.ndarray:
@@ -82,14 +77,10 @@ class Course:
     """
 
     states: States
-    segments: tuple[int, ...]
-    """Number of intervals of each segment."""
-    rows: np.ndarray
-    """Rows of the instants, (instants,)."""
-    reference: Motion
-    """States at the instants, as reported."""
-    noise: np.ndarray
-    """Standard deviation of the sensor noise of each channel at the instants, (instants, channels)."""
+    segments: tuple[int, ...]  # Number of intervals of each segment
+    rows: np.ndarray  # Rows of the instants, (instants,)
+    reference: Motion  # States at the instants, as reported
+    noise: np.ndarray  # Standard deviation of the sensor noise of each channel at the instants, (instants, channels)
     close: np.ndarray
     """Intervals that are replayed by short steps: a foot meets the ground or leaves it, bool (intervals,)."""
 
@@ -160,8 +151,7 @@ class Intervals:
     channels: StateChannels
     replayer: Replayer
     courses: tuple[Course, ...]
-    acting: tuple[Effects, ...]
-    """Effects of the robot on each log."""
+    acting: tuple[Effects, ...]  # Effects of the robot on each log
     simulation: tuple[SimulationSettings, ...] = ()
     """Settings of the simulation, which act beside any set; ``acting`` has them as well."""
     residual: np.ndarray | None = None
@@ -464,18 +454,13 @@ class PreparedIntervals:
 
     replayer: Replayer
     trial: Rollout
-    models: list[mujoco.MjModel]
-    """One for each set of joint gains."""
-    model_of: np.ndarray
-    """Index of the model of each interval, (intervals,)."""
-    controls: np.ndarray
-    """(intervals, steps, actuators)"""
-    steps: np.ndarray
-    """Number of steps until the end of each of the intervals that a replay lasts, (intervals, span)."""
+    models: list[mujoco.MjModel]  # One for each set of joint gains
+    model_of: np.ndarray  # Index of the model of each interval, (intervals,)
+    controls: np.ndarray  # (intervals, steps, actuators)
+    steps: np.ndarray  # Number of steps until the end of each of the intervals that a replay lasts, (intervals, span)
     warmth: np.ndarray | None
     """Of the motors at the beginning of each interval, (intervals, joints); None where none heats."""
-    lagged: np.ndarray | None
-    """Torque of the motors there, N·m, (intervals, joints); None where none lags."""
+    lagged: np.ndarray | None  # Torque of the motors there, N·m, (intervals, joints); None where none lags
 
     def full_states(self, which: np.ndarray, states: np.ndarray) -> np.ndarray:
         """MuJoCo's full states at the beginning of some intervals, from positions and velocities (some, nq + nv)."""
@@ -544,10 +529,8 @@ def roll(
 class ReachedStates:
     """States at the ends of the intervals of several replays."""
 
-    qpos: np.ndarray
-    """(replays, span, nq)"""
-    qvel: np.ndarray
-    """(replays, span, nv)"""
+    qpos: np.ndarray  # (replays, span, nq)
+    qvel: np.ndarray  # (replays, span, nv)
 
     @property
     def span(self) -> int:

@@ -15,14 +15,10 @@ from leapgap.logs.base_estimate import measured_stance
 from leapgap.robot.model import Robot
 from leapgap.simulation.rollout import Rollout
 
-REACH_M = 0.15
-"""Distance from the ground up to which a foot is looked for, m."""
-SLOW_M_S = 0.2
-"""Speed of a foot below which it stands, m/s."""
-OFF_M = 0.001
-"""By how much a foot that stands is off the ground or in it: feet are soft, and heights of bases noisy, m."""
-FURTHEST = 3.0
-"""Times ``OFF_M`` that all feet may sink in by, and prior deviations that a number may depart by."""
+REACH_M = 0.15  # Distance from the ground up to which a foot is looked for, m
+SLOW_M_S = 0.2  # Speed of a foot below which it stands, m/s
+OFF_M = 0.001  # By how much a foot that stands is off the ground or in it: feet are soft, and heights of bases noisy, m
+FURTHEST = 3.0  # Times ``OFF_M`` that all feet may sink in by, and prior deviations that a number may depart by
 
 
 @dataclass(frozen=True)

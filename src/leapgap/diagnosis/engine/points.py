@@ -21,16 +21,11 @@ from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout, joint_commands
 
-INTERVAL_S = 0.01
-"""Length of an interval; one row, where that is longer."""
-GLANCED = 250
-"""About how many intervals tell what is worth a closer look."""
-LEAST_IN_BLOCK = 5
-"""Number of intervals of a block at least."""
-DIFFERENCE = 0.1
-"""Numbers of effects that act are differenced by this share of a moderate departure."""
-ABSENT = 1e-9
-"""Prior standard deviation of the numbers of an effect that is taken out of a set."""
+INTERVAL_S = 0.01  # Length of an interval; one row, where that is longer
+GLANCED = 250  # About how many intervals tell what is worth a closer look
+LEAST_IN_BLOCK = 5  # Number of intervals of a block at least
+DIFFERENCE = 0.1  # Numbers of effects that act are differenced by this share of a moderate departure
+ABSENT = 1e-9  # Prior standard deviation of the numbers of an effect that is taken out of a set
 PRIOR, OF_RANGE = 3.0, 0.25
 """Standard deviation of a number's prior in moderate departures, and at least as a share of the way to its limits."""
 SMALL = {
@@ -56,34 +51,27 @@ OTHER_CONTACTS = (
     SimulationSettings(other_cone=True),
 )
 LATE = ("command_delay", "state_latency")
-QUARTER = 0.25
-"""Share of a row by which it is not known when commands act and states are measured."""
+QUARTER = 0.25  # Share of a row by which it is not known when commands act and states are measured
 
 DRIVE = ("change_commands", "change_drive", "torque_by_velocity", "put_controls")
 """Methods of effects by which torques follow from commands."""
 
-Acting = tuple[tuple[Hypothesis, np.ndarray], ...]
-"""Effects with their numbers."""
+Acting = tuple[tuple[Hypothesis, np.ndarray], ...]  # Effects with their numbers
 
 
 @dataclass(frozen=True)
 class Basis:
     """What is linearised about one robot."""
 
-    about: Acting
-    """The effects about which everything is linearised, with their numbers."""
-    hypotheses: Sequence[Hypothesis]
-    """Effects that are looked for."""
+    about: Acting  # The effects about which everything is linearised, with their numbers
+    hypotheses: Sequence[Hypothesis]  # Effects that are looked for
     linearisation: Linearisation
-    filters: tuple[Filter, ...]
-    """One for each level of the force without a name."""
+    filters: tuple[Filter, ...]  # One for each level of the force without a name
     columns: Columns
     whitened: Whitened
     """All columns, and behind them those of late logs and of finer steps, in single precision: they are many."""
-    nuisances: np.ndarray
-    """Indices of those that are off a little in every robot and simulation, (nuisances,)."""
-    deviation: np.ndarray
-    """Standard deviation of each nuisance, (nuisances,)."""
+    nuisances: np.ndarray  # Indices of those that are off a little in every robot and simulation, (nuisances,)
+    deviation: np.ndarray  # Standard deviation of each nuisance, (nuisances,)
     blocks: Blocks
 
     @cached_property
@@ -136,10 +124,8 @@ class Point:
     acting: Acting
     intervals: Intervals
     basis: Basis
-    own: Whitened
-    """Errors, and behind them columns of the numbers of the acting effects."""
-    evidence: Evidence
-    """Of errors, nuisances and numbers."""
+    own: Whitened  # Errors, and behind them columns of the numbers of the acting effects
+    evidence: Evidence  # Of errors, nuisances and numbers
 
     @staticmethod
     def of(acting: Acting, intervals: Intervals, basis: Basis, errors: Whitened, slopes: Whitened) -> "Point":

@@ -16,12 +16,9 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.rollout import joint_commands
 
-SPREAD = np.sqrt(3.0)
-"""Standard deviations by which states are displaced: that at which normal errors are met best."""
-MANY_STEPS = 16
-"""Number of steps of the simulation in an interval that may be twice as long for derivatives."""
-LEAST_TORQUE = 1e-3
-"""Smallest unit of force, N or N·m."""
+SPREAD = np.sqrt(3.0)  # Standard deviations by which states are displaced: that at which normal errors are met best
+MANY_STEPS = 16  # Number of steps of the simulation in an interval that may be twice as long for derivatives
+LEAST_TORQUE = 1e-3  # Smallest unit of force, N or N·m
 LITTLE = 0.05
 """Share of a moderate departure by which contacts are changed for derivatives: feet move by less than a millimetre."""
 SHARE = 0.1
@@ -40,14 +37,10 @@ def rough_steps(intervals: Intervals) -> Intervals:
 class Linearisation:
     """Derivatives of the state at the end of each interval, one array a log."""
 
-    transitions: tuple[np.ndarray, ...]
-    """By the state at its beginning, (intervals, 2 nv, 2 nv)."""
-    forces: tuple[np.ndarray, ...]
-    """By a constant force of one unit at each degree of freedom, (intervals, 2 nv, nv)."""
-    missed: tuple[np.ndarray, ...]
-    """Covariance of what they miss, (intervals, 2 nv, 2 nv)."""
-    units: np.ndarray
-    """Unit of the force at each degree of freedom, N or N·m, (nv,)."""
+    transitions: tuple[np.ndarray, ...]  # By the state at its beginning, (intervals, 2 nv, 2 nv)
+    forces: tuple[np.ndarray, ...]  # By a constant force of one unit at each degree of freedom, (intervals, 2 nv, nv)
+    missed: tuple[np.ndarray, ...]  # Covariance of what they miss, (intervals, 2 nv, 2 nv)
+    units: np.ndarray  # Unit of the force at each degree of freedom, N or N·m, (nv,)
     gains: np.ndarray
     """By which states, force and zeros of joint sensors follow what is measured, (chunks, longest, N, channels)."""
 
@@ -63,8 +56,7 @@ class Displacements:
 
     roots: np.ndarray
     """Root of the covariance of state and force (units) of each state, (states, 3 nv, 3 nv); its columns displace."""
-    units: np.ndarray
-    """Of the force at each degree of freedom, N or N·m, (nv,)."""
+    units: np.ndarray  # Of the force at each degree of freedom, N or N·m, (nv,)
 
     def starts(self, states: Motion, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
         """Starts and forces of each state: itself, and displaced along each direction.
@@ -135,10 +127,8 @@ class Columns:
     """Derivatives of the reported state at the end of each interval by every number of every effect."""
 
     keys: tuple[ColumnKey, ...]
-    values: tuple[np.ndarray, ...]
-    """(intervals, 2 nv, columns) of each log."""
-    members: Mapping[tuple[str, str], tuple[str, ...]]
-    """(effect, location) → its single places."""
+    values: tuple[np.ndarray, ...]  # (intervals, 2 nv, columns) of each log
+    members: Mapping[tuple[str, str], tuple[str, ...]]  # (effect, location) → its single places
 
     @staticmethod
     def of(

@@ -23,40 +23,27 @@ from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import overrides
 
-LEAST_GAIN = 30.0
-"""Evidence on held-out logs that each number of a cause has to gain, nats: g₀."""
-LEAST_SHARE = 0.03
-"""A cause gains this share of the evidence that is missing, or leaves little without a name."""
+LEAST_GAIN = 30.0  # Evidence on held-out logs that each number of a cause has to gain, nats: g₀
+LEAST_SHARE = 0.03  # A cause gains this share of the evidence that is missing, or leaves little without a name
 SOME = 10 * LEAST_GAIN
 """Evidence of a force without a name beside a set, nats, at which further effects are replayed far from nominal."""
-UNNAMED = 20.0
-"""Evidence of a force without a name for each block, nats, up to which a set explains the logs: u₀."""
+UNNAMED = 20.0  # Evidence of a force without a name for each block, nats, up to which a set explains the logs: u₀
 MOST_CAUSES, MOST_TOGETHER = 4, 8
 """Largest number of causes that are found one by one, and that are left of all effects together."""
-POOL = 60
-"""Number of effects that are tried all together."""
-WORTH_A_LOOK = 5.0
-"""Evidence that a hypothesis has to gain by its columns to be compared closely, nats."""
-STRETCHED = 3.0
-"""Standard deviations from nominal at which a tolerance may be a cause."""
+POOL = 60  # Number of effects that are tried all together
+WORTH_A_LOOK = 5.0  # Evidence that a hypothesis has to gain by its columns to be compared closely, nats
+STRETCHED = 3.0  # Standard deviations from nominal at which a tolerance may be a cause
 SHORTLIST, ALIKE, CLOSELY = 10, 2, 3
 """Sets that are compared by their columns in each round, of one effect, and by replays."""
-LIKELY = 0.5
-"""Share of the gain of the best set that another has to have by its columns to be replayed."""
-TRIED = 12
-"""Number of effects that are replayed because they bring feet to the ground."""
-FACTORS = (0.5, 0.8, 1.25, 2.0)
-"""Times nominal at which effects of contacts are tried."""
+LIKELY = 0.5  # Share of the gain of the best set that another has to have by its columns to be replayed
+TRIED = 12  # Number of effects that are replayed because they bring feet to the ground
+FACTORS = (0.5, 0.8, 1.25, 2.0)  # Times nominal at which effects of contacts are tried
 CONTACTS = (("other_cone", 1.0), ("friction_impedance", 0.1))
 """Settings of contacts with the factors by which they are tried."""
-AT_LEAST = 4.0
-"""An effect far from nominal does what its column says times one, with this inverse variance."""
-SETTLED = 2.0
-"""Numbers have settled when their next step is worth less evidence than this, nats."""
-ROUNDS = 4
-"""Most rounds in which numbers settle."""
-STRETCHES = (1.0, 2.0, 4.0, 8.0)
-"""Times a step of the numbers of a robot with feet that are tried."""
+AT_LEAST = 4.0  # An effect far from nominal does what its column says times one, with this inverse variance
+SETTLED = 2.0  # Numbers have settled when their next step is worth less evidence than this, nats
+ROUNDS = 4  # Most rounds in which numbers settle
+STRETCHES = (1.0, 2.0, 4.0, 8.0)  # Times a step of the numbers of a robot with feet that are tried
 
 
 @dataclass(frozen=True)
@@ -67,11 +54,9 @@ class Found:
     members: tuple[Hypothesis, ...]
     numbers: np.ndarray
     covariance: np.ndarray
-    fold_numbers: np.ndarray
-    """Without each fold, (folds, numbers)."""
+    fold_numbers: np.ndarray  # Without each fold, (folds, numbers)
     evidence: float
-    predictive: float
-    """Log probability of each fold by the others, summed, nats."""
+    predictive: float  # Log probability of each fold by the others, summed, nats
     rivals: tuple[tuple[str, Hypothesis, float], ...] = ()
     """Label of a member, what was replayed in its place as it was found, and by how much that was worth less, nats."""
 
@@ -150,11 +135,9 @@ class Search:
     """A search on a bench."""
 
     bench: Bench
-    folds: np.ndarray
-    """Fold of each log."""
+    folds: np.ndarray  # Fold of each log
     progress: Callable[[str], None]
-    most: int = MOST_CAUSES
-    """Largest number of causes that are found one by one."""
+    most: int = MOST_CAUSES  # Largest number of causes that are found one by one
 
     @cached_property
     def feet(self) -> Planted:
@@ -504,12 +487,9 @@ class Projection:
     """What further columns have to do with the errors of a point beyond its nuisances and its own numbers."""
 
     blocks: Blocks
-    levels: np.ndarray
-    """Index of the level of each block, (blocks,)."""
-    errors: np.ndarray
-    """(rows,), each block at its level."""
-    known: np.ndarray
-    """Columns of nuisances and numbers, times their prior deviations, (rows, known)."""
+    levels: np.ndarray  # Index of the level of each block, (blocks,)
+    errors: np.ndarray  # (rows,), each block at its level
+    known: np.ndarray  # Columns of nuisances and numbers, times their prior deviations, (rows, known)
 
     @staticmethod
     def of(point: Point, deviation: np.ndarray, centre: np.ndarray) -> "Projection":

@@ -29,16 +29,11 @@ from leapgap.diagnosis.outside_forces.search import MARGIN_S, place_of
 from leapgap.diagnosis.rival_fits import PLACES, Undecided
 from leapgap.diagnosis.rival_fits import Rival as OpenFit
 
-SINGLES = 4
-"""Number of single effects that a report lists beside the answer."""
-LEAST_CLOSURE = 0.01
-"""Share of the gap that a set, and each member of it, has to close."""
-SURE = 0.95
-"""Share of the resamples of logs in which numbers by whole logs have to leave less."""
-FOLLOWED_S = 6 * CORRELATION_S
-"""Time after a push in which a filter without a force has still to follow, s."""
-APART = LEAST_GAIN
-"""Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀."""
+SINGLES = 4  # Number of single effects that a report lists beside the answer
+LEAST_CLOSURE = 0.01  # Share of the gap that a set, and each member of it, has to close
+SURE = 0.95  # Share of the resamples of logs in which numbers by whole logs have to leave less
+FOLLOWED_S = 6 * CORRELATION_S  # Time after a push in which a filter without a force has still to follow, s
+APART = LEAST_GAIN  # Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀
 HALF = 0.5
 """A set that leaves a larger share without a name is no answer: of the evidence, and of the gap of whole logs too where
 the robot stands on no feet."""
@@ -50,14 +45,10 @@ class Numbers:
 
     g: float
     u: float
-    u_before: float
-    """u of the nominal robot."""
-    d: float | None
-    """None without a set."""
-    c: float | None
-    """None without a set."""
-    blocks: int
-    """Number of blocks of the logs; u is judged by block."""
+    u_before: float  # u of the nominal robot
+    d: float | None  # None without a set
+    c: float | None  # None without a set
+    blocks: int  # Number of blocks of the logs; u is judged by block
 
 
 @dataclass(frozen=True)
@@ -74,14 +65,11 @@ class Moment:
 class ResidualForce:
     """The force at a degree of freedom that replays lack, root mean square over the logs."""
 
-    at: str
-    """Name of the joint, or of the body of the free base."""
-    axis: str
-    """Of a base; empty for a joint."""
+    at: str  # Name of the joint, or of the body of the free base
+    axis: str  # Of a base; empty for a joint
     unit: str
     nominal: float
-    corrected: float
-    """The same once the effects of the answer act."""
+    corrected: float  # The same once the effects of the answer act
 
 
 @dataclass(frozen=True)
@@ -89,12 +77,9 @@ class Conclusion:
     """Verdict and answer of a diagnosis."""
 
     verdict: str
-    answer: tuple[tuple[str, ...], ...]
-    """Each cause, followed by the rivals that cannot be told apart from it."""
-    steps: tuple[Candidate, ...] = ()
-    """Fits of the first one, two, … causes; the last is the answer's."""
-    probabilities: tuple[float, ...] = ()
-    """How sure each cause is."""
+    answer: tuple[tuple[str, ...], ...]  # Each cause, followed by the rivals that cannot be told apart from it
+    steps: tuple[Candidate, ...] = ()  # Fits of the first one, two, … causes; the last is the answer's
+    probabilities: tuple[float, ...] = ()  # How sure each cause is
 
 
 @dataclass(frozen=True)
@@ -102,18 +87,14 @@ class Judgement:
     """A search with its conclusion."""
 
     conclusion: Conclusion
-    selected: Candidate
-    """The answer's fit; the nominal robot where there is no answer."""
+    selected: Candidate  # The answer's fit; the nominal robot where there is no answer
     others: Sequence[tuple[Candidate, float]] = ()
     """One fit for each further hypothesis that was judged, with the probability of its newest effect."""
-    numbers: Numbers | None = None
-    """None of logs by their own clock."""
-    moments: Sequence[Moment] = ()
-    """By evidence, where something without a name acts beside the answer."""
+    numbers: Numbers | None = None  # None of logs by their own clock
+    moments: Sequence[Moment] = ()  # By evidence, where something without a name acts beside the answer
     residual: tuple[ResidualForce, ...] = ()
     undecided: Undecided = field(default_factory=Undecided)
-    notes: tuple[str, ...] = ()
-    """What a report must say of it, such as why a set that was found is no answer."""
+    notes: tuple[str, ...] = ()  # What a report must say of it, such as why a set that was found is no answer
 
 
 def candidate_of(found: Found, order: Sequence[int] | None = None) -> Candidate:
@@ -132,8 +113,7 @@ class Rival:
     """An effect in place of a member of a set."""
 
     hypothesis: Hypothesis
-    loss: float
-    """Evidence that the set loses by it, nats."""
+    loss: float  # Evidence that the set loses by it, nats
 
 
 def rivals_of(search: Search, found: Found, member: int) -> list[Rival]:

@@ -18,30 +18,23 @@ from leapgap.diagnosis.engine.intervals import Intervals, Models, Pool, Prepared
 from leapgap.diagnosis.engine.responses import Displacements, Linearisation, force_units, joined, rough_steps
 from leapgap.robot.motion import Motion
 
-CORRELATION_S = 0.05
-"""Time over which the force without a name stays alike."""
-LEVELS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""Standard deviations of the force without a name, in its units."""
+CORRELATION_S = 0.05  # Time over which the force without a name stays alike
+LEVELS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # Standard deviations of the force without a name, in its units
 
 
 BARELY = 5e-4
 """Depth of a foot in the ground, or distance from it, at which errors of sensors decide whether it touches, m."""
-FOLLOWING = 0.3
-"""Level of the force at which references follow the logs."""
-WRONG_ZERO_RAD = 0.05
-"""Zeros of joint sensors that are far off."""
+FOLLOWING = 0.3  # Level of the force at which references follow the logs
+WRONG_ZERO_RAD = 0.05  # Zeros of joint sensors that are far off
 
 
 @dataclass(frozen=True)
 class Chunks:
     """How the intervals of all logs are laid side by side: chunk, interval in it."""
 
-    log: np.ndarray
-    """(chunks,)"""
-    first: np.ndarray
-    """First interval in its log, (chunks,)."""
-    length: np.ndarray
-    """Number of intervals, (chunks,)."""
+    log: np.ndarray  # (chunks,)
+    first: np.ndarray  # First interval in its log, (chunks,)
+    length: np.ndarray  # Number of intervals, (chunks,)
 
     @staticmethod
     def of(intervals: Intervals) -> "Chunks":
@@ -82,14 +75,11 @@ class Chunks:
 class Filter:
     """The gains of the filter at one level of the force."""
 
-    transition: np.ndarray
-    """Of departure and force, (chunks, longest, N, N)."""
-    gain: np.ndarray
-    """(chunks, longest, N, channels)"""
+    transition: np.ndarray  # Of departure and force, (chunks, longest, N, N)
+    gain: np.ndarray  # (chunks, longest, N, channels)
     inverse_root: np.ndarray
     """Inverse Cholesky factor of the innovations' covariance, (chunks, longest, channels, channels)."""
-    log_determinant: np.ndarray
-    """Of that covariance, (chunks, longest)."""
+    log_determinant: np.ndarray  # Of that covariance, (chunks, longest)
     entries: np.ndarray
 
     @staticmethod
@@ -277,8 +267,7 @@ class Following:
     """
 
     usual: Reaching
-    short: Reaching
-    """The same intervals by short steps, for those in which a foot meets the ground or leaves it."""
+    short: Reaching  # The same intervals by short steps, for those in which a foot meets the ground or leaves it
 
     def __post_init__(self) -> None:
         """Lay the logs side by side, at the beginning of each chunk."""

@@ -9,8 +9,7 @@ from leapgap.logs.log import Log
 from leapgap.registry import classes_by_name
 from leapgap.robot.model import Robot
 
-ENTRY_POINTS = "leapgap.evidence"
-"""Group under which other packages offer sources of evidence."""
+ENTRY_POINTS = "leapgap.evidence"  # Group under which other packages offer sources of evidence
 
 
 @cache

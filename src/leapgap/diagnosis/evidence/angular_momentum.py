@@ -17,8 +17,7 @@ from leapgap.robot.model import Robot
 RATES = ("base_angvel_x", "base_angvel_y", "base_angvel_z")
 EXPLAINED = 0.5
 """The trunk's own part has to explain so large a share of how the angular momentum of the others changes."""
-TOLD = 0.15
-"""The scale of the inertia is told where it scatters by less over the logs."""
+TOLD = 0.15  # The scale of the inertia is told where it scatters by less over the logs
 
 
 class AngularMomentum(Source):

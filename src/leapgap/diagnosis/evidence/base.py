@@ -13,33 +13,24 @@ from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
-SURE_SPREADS = 3.0
-"""Evidence this many standard deviations from nominal says that the model is wrong there."""
-LEAST_LOGS = 3
-"""From so many logs on their scatter says how sure their median is."""
-NORMAL_MEDIAN = 0.6745
-"""Median absolute value of a standard normal number."""
-MEDIAN_LOSS = 1.2533
-"""Standard deviation of a median over that of a mean, for normal numbers."""
+SURE_SPREADS = 3.0  # Evidence this many standard deviations from nominal says that the model is wrong there
+LEAST_LOGS = 3  # From so many logs on their scatter says how sure their median is
+NORMAL_MEDIAN = 0.6745  # Median absolute value of a standard normal number
+MEDIAN_LOSS = 1.2533  # Standard deviation of a median over that of a mean, for normal numbers
 
 
 @dataclass(frozen=True)
 class Evidence:
     """One number of the robot, or of the world, as the logs show it."""
 
-    source: str
-    """Name of the source."""
-    quantity: str
-    """``<effect>.<parameter>`` where an effect sets it, else a name, such as ``gravity``."""
-    value: float
-    """Of the effect's parameter: as it would be set, not its departure."""
-    spread: float
-    """Standard deviation, by the scatter over logs."""
+    source: str  # Name of the source
+    quantity: str  # ``<effect>.<parameter>`` where an effect sets it, else a name, such as ``gravity``
+    value: float  # Of the effect's parameter: as it would be set, not its departure
+    spread: float  # Standard deviation, by the scatter over logs
     unit: str
     per_log: dict[str, float]
     says: str
-    held: bool = True
-    """Whether fits hold the value; else they start from it and are drawn towards it, by its spread."""
+    held: bool = True  # Whether fits hold the value; else they start from it and are drawn towards it, by its spread
 
     def to_json(self) -> dict[str, Any]:
         """Its entry of ``report.json``."""
@@ -55,8 +46,7 @@ class Source(ABC):
     """One source of evidence. A subclass in a file of this package is all that a further one takes."""
 
     name: ClassVar[str]
-    place: ClassVar[int] = 0
-    """Sources of higher places come later, and know what those before them told."""
+    place: ClassVar[int] = 0  # Sources of higher places come later, and know what those before them told
 
     @abstractmethod
     def gather(self, logs: Sequence[Log], robot: Robot, before: Sequence[Evidence] = ()) -> list[Evidence]:

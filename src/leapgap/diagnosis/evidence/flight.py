@@ -14,12 +14,9 @@ from leapgap.logs.state import motion_of
 from leapgap.robot.kinematics import centre_of_mass
 from leapgap.robot.model import Robot
 
-SHORTEST_S = 0.15
-"""A shorter flight turns the robot too little to tell where its centre of mass is."""
-MARGIN_S = 0.02
-"""So much at both ends of a flight is left out: a foot may still touch."""
-STRAIGHT_M = 0.001
-"""A flight in which the centre of mass leaves its parabola by more, rms, had a contact."""
+SHORTEST_S = 0.15  # A shorter flight turns the robot too little to tell where its centre of mass is
+MARGIN_S = 0.02  # So much at both ends of a flight is left out: a foot may still touch
+STRAIGHT_M = 0.001  # A flight in which the centre of mass leaves its parabola by more, rms, had a contact
 
 
 class Flight(Source):

@@ -16,26 +16,19 @@ from leapgap.logs.state import motion_of
 from leapgap.robot.kinematics import each_pose, gather
 from leapgap.robot.model import Robot
 
-SHORTEST_S = 0.1
-"""A foot that stands for less time tells little."""
-MARGIN_S = 0.02
-"""So much at both ends of a stance is left out."""
-FLAT_M = 0.003
-"""A foot whose height scatters by more, standard deviation, does not stand, whatever its force says."""
-TOLD = 0.01
-"""A parameter is told where its scatter over resampled logs is below this, m."""
-DRAWS = 200
-"""Number of times that logs are drawn anew, with repetition, to see how far their answer scatters."""
+SHORTEST_S = 0.1  # A foot that stands for less time tells little
+MARGIN_S = 0.02  # So much at both ends of a stance is left out
+FLAT_M = 0.003  # A foot whose height scatters by more, standard deviation, does not stand, whatever its force says
+TOLD = 0.01  # A parameter is told where its scatter over resampled logs is below this, m
+DRAWS = 200  # Number of times that logs are drawn anew, with repetition, to see how far their answer scatters
 
 
 @dataclass(frozen=True)
 class Normal:
     """Normal equations of one log: what its stances ask of the parameters."""
 
-    matrix: np.ndarray
-    """(parameters + 1, parameters + 1), the last for what a foot sinks in under its force."""
-    right: np.ndarray
-    """(parameters + 1,)"""
+    matrix: np.ndarray  # (parameters + 1, parameters + 1), the last for what a foot sinks in under its force
+    right: np.ndarray  # (parameters + 1,)
 
     def of_some(self, kept: np.ndarray) -> "Normal":
         """The equations where the other parameters are nominal."""

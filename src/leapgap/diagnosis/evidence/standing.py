@@ -13,16 +13,13 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.model_file import gravity_of
 
-STILL_M_PER_S, STILL_RAD_PER_S = 0.02, 0.2
-"""A robot whose base and joints are slower than this stands still."""
-SHORTEST_S = 0.1
-"""Shorter stances tell little."""
+STILL_M_PER_S, STILL_RAD_PER_S = 0.02, 0.2  # A robot whose base and joints are slower than this stands still
+SHORTEST_S = 0.1  # Shorter stances tell little
 BELIEVED = 0.3
 """Feet that bear another weight than the model's by a larger share, or logs that scatter by it, are not in newtons."""
 
 
-CALIBRATED = 0.03
-"""Standard deviation of the scale of force sensors, by which their weight only leads a fit."""
+CALIBRATED = 0.03  # Standard deviation of the scale of force sensors, by which their weight only leads a fit
 
 
 class Standing(Source):

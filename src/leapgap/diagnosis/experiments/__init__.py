@@ -14,8 +14,7 @@ from leapgap.diagnosis.experiments.given import Given
 from leapgap.logs.log import Log
 from leapgap.registry import classes_by_name
 
-ENTRY_POINTS = "leapgap.experiments"
-"""Group under which other packages offer kinds of experiments."""
+ENTRY_POINTS = "leapgap.experiments"  # Group under which other packages offer kinds of experiments
 
 
 @cache

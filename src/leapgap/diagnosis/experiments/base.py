@@ -8,8 +8,7 @@ from leapgap.diagnosis.experiments.given import Given
 from leapgap.diagnosis.experiments.plans import plan_of
 from leapgap.logs.log import Log
 
-REPEATS = "repeats"
-"""Key of a proposal's settings: how many times each log is to be made."""
+REPEATS = "repeats"  # Key of a proposal's settings: how many times each log is to be made
 
 
 @dataclass(frozen=True)
@@ -17,8 +16,7 @@ class Experiment(ABC):
     """Further logs, and what they need beside commands."""
 
     name: ClassVar[str]
-    cost: ClassVar[int]
-    """Order of the effort that it takes: of those that tell causes apart, the least is proposed."""
+    cost: ClassVar[int]  # Order of the effort that it takes: of those that tell causes apart, the least is proposed
 
     @classmethod
     @abstractmethod

@@ -9,19 +9,16 @@ from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot
 
-MOST_PLACES, MOST_PLACES_FLOATING = 3, 1
-"""Number of sets of joints that are moved by themselves."""
+MOST_PLACES, MOST_PLACES_FLOATING = 3, 1  # Number of sets of joints that are moved by themselves
 
 
 @dataclass(frozen=True)
 class Given:
     """What experiments start from: the logs, the robot, and where the causes that are to be told apart act."""
 
-    logs: tuple[Log, ...]
-    """The logs, of which each has the rows that are judged."""
+    logs: tuple[Log, ...]  # The logs, of which each has the rows that are judged
     robot: Robot
-    places: tuple[str, ...] = ()
-    """Locations of the causes, without doubles."""
+    places: tuple[str, ...] = ()  # Locations of the causes, without doubles
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -9,8 +9,7 @@ from leapgap.diagnosis.experiments.sines import FAST_HZ, SLOW_HZ, Sines, amplitu
 from leapgap.effects.bodies import links_at
 from leapgap.logs.log import Log
 
-LOAD_SHARE = 0.6
-"""A known load, as a share of the mass of all that moves with the link that carries it."""
+LOAD_SHARE = 0.6  # A known load, as a share of the mass of all that moves with the link that carries it
 
 
 @dataclass(frozen=True)
@@ -20,14 +19,11 @@ class KnownLoad(Experiment):
     name = "load"
     cost = 3
 
-    joint: str
-    """The joint that moves the link."""
+    joint: str  # The joint that moves the link
     body: str
     mass_kg: float
-    frequency_hz: float | None = None
-    """Of sines of all joints; None: the motions of the logs."""
-    share: float = 1.0
-    """Amplitude of the sines, as a share of that without a load."""
+    frequency_hz: float | None = None  # Of sines of all joints; None: the motions of the logs
+    share: float = 1.0  # Amplitude of the sines, as a share of that without a load
 
     @classmethod
     def candidates(cls, given: Given) -> list[Experiment]:

@@ -10,8 +10,7 @@ from leapgap.diagnosis.experiments.plans import commands_of, planned
 from leapgap.logs.log import Log
 from leapgap.logs.state import motion_of
 
-FINER_RATE, COARSE_S = 4, 0.004
-"""Rows of at least this length, s, may be logged and sent so many times as often."""
+FINER_RATE, COARSE_S = 4, 0.004  # Rows of at least this length, s, may be logged and sent so many times as often
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,10 @@ WIDE_HZ, SLOW_HZ, FAST_HZ, RATIOS = 0.25, 0.7, 3.0, (0.8, 1.0, 1.25)
 """Frequencies of sines; each experiment has three logs, at these multiples."""
 RANGE_SHARE, LARGEST_RAD, LARGEST_STANDING_RAD = 0.6, 1.2, 0.15
 """Amplitude of a sine: at most this share of what the joint can turn from its pose to its nearer end, and no more."""
-FASTEST_SHARE = 1.5
-"""A sine is at most so many times faster than the fastest joint of the logs."""
+FASTEST_SHARE = 1.5  # A sine is at most so many times faster than the fastest joint of the logs
 LEAST_RAD, GENTLER = 0.02, 0.6
 """Smallest amplitude, and the factor on that of a sine that the motors or joints cannot follow."""
-APART = 0.13
-"""Joints that move together differ in frequency by this share, so that each moves in its own way."""
+APART = 0.13  # Joints that move together differ in frequency by this share, so that each moves in its own way
 
 
 @dataclass(frozen=True)
@@ -33,8 +31,7 @@ class Sines(Experiment):
     cost = 2
 
     joints: tuple[str, ...]
-    amplitude: tuple[float, ...]
-    """Of each joint, rad (m for slides)."""
+    amplitude: tuple[float, ...]  # Of each joint, rad (m for slides)
     frequency_hz: float
 
     @classmethod

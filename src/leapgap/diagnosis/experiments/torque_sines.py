@@ -19,8 +19,7 @@ class TorqueSines(Experiment):
     cost = 2
 
     joints: tuple[str, ...]
-    amplitude: tuple[float, ...]
-    """Of each joint, N·m (N for slides)."""
+    amplitude: tuple[float, ...]  # Of each joint, N·m (N for slides)
     frequency_hz: float
 
     @classmethod

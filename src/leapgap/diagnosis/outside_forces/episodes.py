@@ -9,72 +9,53 @@ from leapgap.diagnosis.evidence.base import NORMAL_MEDIAN
 from leapgap.diagnosis.outside_forces.residuals import Residual, Residuals
 from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 
-LENGTHS_S = (0.06, 0.12, 0.24, 0.48)
-"""Times over which forces are averaged to find moments that stand out."""
+LENGTHS_S = (0.06, 0.12, 0.24, 0.48)  # Times over which forces are averaged to find moments that stand out
 MOST_QUIET, TAIL = 0.8, 0.95
 """Shares of the mean forces that are no outside force; their size says what the model leaves.
 
 The second is for short moments, once the larger forces are known: over a short time, errors of a model are far from
 normal.
 """
-NORMAL_SIZE = {MOST_QUIET: 1.2816, TAIL: 1.96}
-"""The size that these shares of standard normal numbers do not exceed."""
-SHORT_S = 0.1
-"""Moments that stand out most over a shorter time count as short."""
-SMOOTH_S = 0.07
-"""Forces are averaged over this time where the begin and end of a moment are looked for."""
-REPEAT_S = 0.05
-"""The same where a force is compared with that of other logs."""
+NORMAL_SIZE = {MOST_QUIET: 1.2816, TAIL: 1.96}  # The size that these shares of standard normal numbers do not exceed
+SHORT_S = 0.1  # Moments that stand out most over a shorter time count as short
+SMOOTH_S = 0.07  # Forces are averaged over this time where the begin and end of a moment are looked for
+REPEAT_S = 0.05  # The same where a force is compared with that of other logs
 EDGE, CENTRE = 0.12, 0.35
 """Shares of its peak: a moment ends where its force falls below the first, and its centre is that of what is above the
 other."""
-MEDIAN_LOGS = 3
-"""From so many other logs on, what they repeat is their median; of two, the smaller one if they agree."""
+MEDIAN_LOGS = 3  # From so many other logs on, what they repeat is their median; of two, the smaller one if they agree
 SWING = 0.7
 """A force of the other sign beside a moment, as a share of the moment's own mean, from which on it is no push."""
-SURE_SIZE = 20.0
-"""A moment that stands out by more may be so much smaller beside the forces that the motions need."""
+SURE_SIZE = 20.0  # A moment that stands out by more may be so much smaller beside the forces that the motions need
 LEAST_STRANGE_S = 1.0
 """Least time in states that no other log was near to that says how far off a model is there; else all states say it."""
-SAME_TIME_S = 0.05
-"""Centres of forces in several logs are at one time where they differ by less."""
-END_S = 0.1
-"""No moment is told that begins sooner after the begin of a log."""
-COMPARED_ROWS = 4000
-"""Number of instants of all logs together in which a similar state is looked for."""
+SAME_TIME_S = 0.05  # Centres of forces in several logs are at one time where they differ by less
+END_S = 0.1  # No moment is told that begins sooner after the begin of a log
+COMPARED_ROWS = 4000  # Number of instants of all logs together in which a similar state is looked for
 
 
 @dataclass(frozen=True)
 class Episode:
     """One moment of one log in which a force acts that no model explains."""
 
-    log: int
-    """Index of the log."""
+    log: int  # Index of the log
     dof: int
     begin_s: float
     end_s: float
-    time_s: float
-    """Time of its centre, weighted by what the smoothed force has above a third of its peak."""
-    peak: float
-    """N or N·m, signed."""
-    impulse: float
-    """N·s or N·m·s, signed."""
-    deviation: float
-    """Standard deviation of the impulse, by what the model leaves elsewhere over as long a time."""
-    size: float
-    """Mean force over its best length, in standard deviations of what the model leaves."""
+    time_s: float  # Time of its centre, weighted by what the smoothed force has above a third of its peak
+    peak: float  # N or N·m, signed
+    impulse: float  # N·s or N·m·s, signed
+    deviation: float  # Standard deviation of the impulse, by what the model leaves elsewhere over as long a time
+    size: float  # Mean force over its best length, in standard deviations of what the model leaves
 
 
 @dataclass(frozen=True)
 class Repeats:
     """What other logs show in the state that a log is in."""
 
-    force: np.ndarray
-    """Force that the other logs repeat, (instants, nv)."""
-    spread: np.ndarray
-    """How far the other logs are from that, standard deviation, (instants, nv)."""
-    distance: np.ndarray
-    """Distance to the nearest state of another log, (instants,)."""
+    force: np.ndarray  # Force that the other logs repeat, (instants, nv)
+    spread: np.ndarray  # How far the other logs are from that, standard deviation, (instants, nv)
+    distance: np.ndarray  # Distance to the nearest state of another log, (instants,)
 
 
 def episodes_of(residuals: Residuals, settings: OutsideForceSettings) -> list[Episode]:

@@ -13,18 +13,12 @@ CONSTRAINTS = ("CONTACT", "LIMIT", "FRICTIONLOSS", "EQUALITY")
 class Instants:
     """A smoothed motion of one log at evenly spaced instants."""
 
-    time: np.ndarray
-    """s, (instants,)."""
-    qpos: np.ndarray
-    """(instants, nq)."""
-    qvel: np.ndarray
-    """(instants, nv)."""
-    acceleration: np.ndarray
-    """(instants, nv)."""
-    torque: np.ndarray
-    """Of the motors, as commanded, N·m, (instants, nv)."""
-    torque_rate: np.ndarray
-    """N·m/s, (instants, nv)."""
+    time: np.ndarray  # s, (instants,)
+    qpos: np.ndarray  # (instants, nq)
+    qvel: np.ndarray  # (instants, nv)
+    acceleration: np.ndarray  # (instants, nv)
+    torque: np.ndarray  # Of the motors, as commanded, N·m, (instants, nv)
+    torque_rate: np.ndarray  # N·m/s, (instants, nv)
 
     def __len__(self) -> int:
         return len(self.time)

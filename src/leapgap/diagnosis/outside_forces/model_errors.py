@@ -14,17 +14,13 @@ import numpy as np
 from leapgap.diagnosis.evidence.base import NORMAL_MEDIAN
 from leapgap.diagnosis.outside_forces.inverse_dynamics import Instants, inverse_dynamics
 
-LIGHT_KG = 1e-6
-"""A lighter body has no mass that could be wrong."""
-STILL = 0.1
-"""A joint slower than this, rad/s or m/s, may stick: friction holds it with any torque up to its own."""
-INDEPENDENT = 0.1
-"""Share of the instants that count as independent beside what is believed of the model."""
+LIGHT_KG = 1e-6  # A lighter body has no mass that could be wrong
+STILL = 0.1  # A joint slower than this, rad/s or m/s, may stick: friction holds it with any torque up to its own
+INDEPENDENT = 0.1  # Share of the instants that count as independent beside what is believed of the model
 HUBER, BISQUARE = 1.5, 4.7
 """Limits of the robust weights, in standard deviations: Huber's in the first steps, then those of Tukey's bisquare."""
 HUBER_STEPS, STEPS = 8, 20
-MOST_VALUES = 8000
-"""About the largest number of torques that departures are fitted to."""
+MOST_VALUES = 8000  # About the largest number of torques that departures are fitted to
 MASS, CENTRE_M, INERTIA = 0.3, 0.04, 0.6
 """Believed departures of a body's mass and inertia, as shares, and of its centre of mass, standard deviations."""
 OFFSET, VISCOUS, DRY, DRAG, ARMATURE, LATE_S = 0.5, 0.5, 0.5, 0.1, 0.1, 0.015
@@ -39,12 +35,9 @@ class ModelErrors:
     """Torques that a model lacks in some logs, and what its departures change in them."""
 
     motions: tuple[Instants, ...]
-    needed: tuple[np.ndarray, ...]
-    """Torques that each motion needs by the model, N·m, (instants, nv)."""
-    change: np.ndarray
-    """By a departure of one believed standard deviation, in all logs, (instants, nv, departures)."""
-    sticks: np.ndarray
-    """Index of each joint's departure of dry friction, (nv,)."""
+    needed: tuple[np.ndarray, ...]  # Torques that each motion needs by the model, N·m, (instants, nv)
+    change: np.ndarray  # By a departure of one believed standard deviation, in all logs, (instants, nv, departures)
+    sticks: np.ndarray  # Index of each joint's departure of dry friction, (nv,)
 
     @staticmethod
     def of(model: mujoco.MjModel, motions: Sequence[Instants]) -> "ModelErrors":

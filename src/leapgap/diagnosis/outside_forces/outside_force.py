@@ -12,23 +12,16 @@ class OutsideForce:
     """One force or moment from outside, as a log shows it."""
 
     log: str
-    at: str
-    """Name of the joint, or of the body of the free base."""
-    axis: str
-    """Of a base ``x``, ``y`` or ``z``: of the world for a force, of the base for a moment. Empty for a joint."""
-    time_s: float
-    """Its centre, by the time of the log."""
+    at: str  # Name of the joint, or of the body of the free base
+    axis: str  # Of a base ``x``, ``y`` or ``z``: of the world for a force, of the base for a moment. Empty for a joint.
+    time_s: float  # Its centre, by the time of the log
     begin_s: float
     end_s: float
-    peak: float
-    """Signed, N for forces and joints that slide, N·m for moments and joints that turn."""
-    impulse: float
-    """Signed, N·s or N·m·s."""
+    peak: float  # Signed, N for forces and joints that slide, N·m for moments and joints that turn
+    impulse: float  # Signed, N·s or N·m·s
     impulse_ci95: tuple[float, float]
-    unit: str
-    """Of the peak: ``N`` or ``N·m``."""
-    size: float
-    """Mean force where it stands out most, in standard deviations of what the model leaves elsewhere."""
+    unit: str  # Of the peak: ``N`` or ``N·m``
+    size: float  # Mean force where it stands out most, in standard deviations of what the model leaves elsewhere
 
     @property
     def says(self) -> str:

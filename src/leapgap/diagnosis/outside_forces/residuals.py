@@ -25,24 +25,20 @@ EVERY_S, MOST_EVALUATIONS = 0.01, 150_000
 """Forces are computed at this interval, or at a longer one that needs no more inverse dynamics of all logs together."""
 WINDOW_S, WINDOW_ROWS = 0.06, 7
 """Positions, velocities and torques are those of parabolas over this time, or over so many rows."""
-AT_STOP = 0.005
-"""A joint is at a stop where it is nearer to the end of its range than this share of it."""
-REPLAY_S = 0.02
-"""Length of the replays that stand in place of inverse dynamics where something is touched."""
+AT_STOP = 0.005  # A joint is at a stop where it is nearer to the end of its range than this share of it
+REPLAY_S = 0.02  # Length of the replays that stand in place of inverse dynamics where something is touched
 
 
 @dataclass(frozen=True)
 class Residual:
     """Forces of one log that the model does not have."""
 
-    time: np.ndarray
-    """s, (instants,), evenly spaced."""
+    time: np.ndarray  # s, (instants,), evenly spaced
     force: np.ndarray
     """N or N·m, (instants, nv), in MuJoCo's axes: of a free base along the world's axes, about the base's."""
     state: np.ndarray
     """Positions, velocities and torques, each divided by its spread over all logs, (instants, columns)."""
-    quiet: np.ndarray
-    """Instants in which no force from outside is known to act, bool, (instants,)."""
+    quiet: np.ndarray  # Instants in which no force from outside is known to act, bool, (instants,)
 
     @property
     def every_s(self) -> float:
@@ -63,8 +59,7 @@ class Residuals:
     Where there is a free base, they are its own alone: what legs lack while feet slip or stick is no push. Its forces
     have one scale; its moments have that of forces at the robot's radius of gyration.
     """
-    friction: np.ndarray
-    """Dry friction of the same degrees of freedom, as the logs show it; it is never quite constant."""
+    friction: np.ndarray  # Dry friction of the same degrees of freedom, as the logs show it; it is never quite constant
 
 
 Pushed = Sequence[Sequence[tuple[float, float]]]

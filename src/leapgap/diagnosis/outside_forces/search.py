@@ -18,14 +18,10 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import TWIST_SLICE, VELOCITY_SLICE
 from leapgap.simulation.replay import Replayer
 
-ROUNDS = 2
-"""The moments of the first round are left out of what the second one fits and compares."""
-LEAST_LOGS = 2
-"""So few logs can be compared with each other; a diagnosis needs as many, too."""
-SHORTEST_S, LEAST_ROWS = 0.3, 50
-"""In a shorter log, or in one of fewer rows, no moment stands out."""
-MARGIN_S = 0.03
-"""A force may act so much longer, before and after, than its moment shows."""
+ROUNDS = 2  # The moments of the first round are left out of what the second one fits and compares
+LEAST_LOGS = 2  # So few logs can be compared with each other; a diagnosis needs as many, too
+SHORTEST_S, LEAST_ROWS = 0.3, 50  # In a shorter log, or in one of fewer rows, no moment stands out
+MARGIN_S = 0.03  # A force may act so much longer, before and after, than its moment shows
 MODEL_ERROR = 0.1
 """Standard deviation of an impulse because masses and contacts of the model are wrong, as a share of it."""
 
@@ -34,10 +30,8 @@ MODEL_ERROR = 0.1
 class OutsideForces:
     """Forces from outside that act in some logs."""
 
-    forces: tuple[OutsideForce, ...] = ()
-    """By log and time."""
-    logs: tuple[Log, ...] = ()
-    """The logs without the moments in which they act; empty where nothing is left out."""
+    forces: tuple[OutsideForce, ...] = ()  # By log and time
+    logs: tuple[Log, ...] = ()  # The logs without the moments in which they act; empty where nothing is left out
     part_of: Mapping[str, str] = field(default_factory=dict)
     """Name of each of these → name of the log that it is a part of."""
 

@@ -15,8 +15,7 @@ from leapgap.diagnosis.summary import brief
 
 IMPULSES = {"N": ("impulse", "N·s"), "N·m": ("angular_impulse", "N·m·s")}
 """Unit of a force → name of its impulse as a parameter, and that one's unit."""
-TOLD = 3
-"""Largest number of forces in the sentence; the others are counted."""
+TOLD = 3  # Largest number of forces in the sentence; the others are counted
 
 
 def with_outside_forces(
