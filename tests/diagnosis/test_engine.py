@@ -16,6 +16,7 @@ from leapgap.diagnosis.engine.evidence import posterior_of
 from leapgap.diagnosis.engine.intervals import Course, Intervals
 from leapgap.diagnosis.engine.points import otherwise_integrated
 from leapgap.diagnosis.engine.responses import Columns, Displacements
+from leapgap.diagnosis.engine.search import lost_in_range
 from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks, Filter, linearise, touching
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
@@ -215,15 +216,36 @@ def test_a_force_that_no_effect_has_is_unknown(tmp_path: Path) -> None:
     logs = tmp_path / "logs"
     logs.mkdir()
     tugging = plain_arm.EXAMPLE.MODEL.format(elbow=plain_arm.EXAMPLE.BELIEVED)
-    write_tugged(logs, tugging)
+    write_tugged(logs, tugging, 0.5)
     report = found_by_evidence(logs, robot).report
     assert report.verdict in ("unknown", "partly")
     assert report.evidence_numbers is not None
     assert report.evidence_numbers.u > 20 * report.evidence_numbers.blocks
 
 
-def write_tugged(folder: Path, xml: str) -> None:
-    """Four logs of an arm whose elbow feels 0.5 sin 6q N·m beside its joint PD."""
+@pytest.mark.long
+def test_a_cause_beside_a_force_that_no_effect_has_is_told_where_it_explains_most(tmp_path: Path) -> None:
+    """The same spring, weaker, at an elbow with more damping than the model."""
+    robot = Robot.load(plain_arm.write_model(tmp_path))
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    write_tugged(logs, plain_arm.EXAMPLE.MODEL.format(elbow=plain_arm.EXAMPLE.TRUE), 0.15)
+    report = found_by_evidence(logs, robot).report
+    assert (report.verdict, report.answer) == ("partly", (("joint_damping",),))
+    assert report.causes[0].location == "elbow"
+    assert report.causes[0].parameters["damping"].value == pytest.approx(plain_arm.TRUE - plain_arm.BELIEVED, rel=0.1)
+
+
+def test_a_number_beyond_its_range_costs_what_holding_it_loses(arm: tuple[Robot, Intervals]) -> None:
+    """Two standard deviations beyond the end, two nats: half the square."""
+    (gain,) = (h for h in list_hypotheses([effects.known()["torque_gain"]], arm[0], None) if h.location == "all")
+    (end,), spread = gain.bounds[1], np.array([[0.01]])
+    assert lost_in_range([gain], np.array([end - 0.1]), spread) == 0
+    assert lost_in_range([gain], np.array([end + 0.2]), spread) == pytest.approx(2.0)
+
+
+def write_tugged(folder: Path, xml: str, size: float) -> None:
+    """Four logs of an arm whose elbow feels a torque of ``size`` N·m times sin 6q beside its joint PD."""
     model = mujoco.MjModel.from_xml_string(xml)
     for seed in range(4):
         columns = plain_arm.swing(seed)
@@ -241,7 +263,7 @@ def write_tugged(folder: Path, xml: str) -> None:
                 data.qfrc_applied[:] = plain_arm.KP * (wanted[row] - data.qpos) + plain_arm.KD * (
                     speed[row] - data.qvel
                 )
-                data.qfrc_applied[1] += 0.5 * np.sin(6 * data.qpos[1])
+                data.qfrc_applied[1] += size * np.sin(6 * data.qpos[1])
                 mujoco.mj_step(model, data)
         table = pa.table(columns).replace_schema_metadata({"leapgap": json.dumps(plain_arm.EXAMPLE.INFO)})
         pq.write_table(table, folder / f"tug_{seed}.parquet")

@@ -8,7 +8,7 @@ from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.engine.verdict import Conclusion
 from leapgap.diagnosis.gap import HeldOutFigures
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.summary import listed, sentence, share_in_words
+from leapgap.diagnosis.summary import few_names, listed, sentence, share_in_words
 from leapgap.effects.friction import JointDamping
 from leapgap.robot.model import Robot
 
@@ -77,3 +77,8 @@ def test_a_gap_without_a_cause_is_told_apart_from_noise() -> None:
 )
 def test_parts_are_listed_with_one_comma_each(parts: list[str], said: str) -> None:
     assert listed(parts) == said
+
+
+def test_many_rivals_are_counted() -> None:
+    assert few_names(["a", "b", "c", "d"]) == ["a", "b", "c", "d"]
+    assert few_names(["a", "b", "c", "d", "e"]) == ("a", "b", "c", "2 others")

@@ -90,7 +90,7 @@ def sentence(
         )
     parts = [
         f"{effects.describe(h.kind)} ({describe_estimate(h, numbers, logs)})"
-        + (f", which cannot be separated from {' and '.join(names[1:])}," if names[1:] else "")
+        + (f", which cannot be separated from {' and '.join(few_names(names[1:]))}," if names[1:] else "")
         for h, numbers, names in zip(selected.hypotheses, selected.split(), answer, strict=True)
     ]
     if len(parts) > MOST_SAID:
@@ -173,3 +173,8 @@ def rows_left_out(judged: JudgedLogs) -> list[str]:
         return []
     span = " to ".join(sorted({f"{one:.2f}" for one in (min(ends), max(ends))}, key=float))
     return [f"the last {span} s of the logs, after touch-down or a change of gains"]
+
+
+def few_names(names: Sequence[str]) -> Sequence[str]:
+    """The likeliest of some rivals, and how many more there are."""
+    return names if len(names) <= MOST_SAID else (*names[: MOST_SAID - 1], f"{len(names) - MOST_SAID + 1} others")
