@@ -194,11 +194,11 @@ def test_an_unknown_answer_prints_where_its_errors_lie() -> None:
 
 def test_the_heading_of_the_page_has_no_names_of_code() -> None:
     found = sentence_words(
-        "command latency (command_delay at RR: delay_s 0.0097 s), which cannot be separated from joint_friction, and a "
+        "command latency (command_delay at RR: delay_s 0.0097 s), which cannot be separated from link_mass, and a "
         "centre of mass (com_offset: x_m -0.01 m, z_m 0.02 m) explain 92 % (95 %: 82 to 100) of the gap"
     )
     assert found == (
-        "command latency (at RR: delay 0.0097 s), which cannot be separated from joint Coulomb friction, and a "
+        "command latency (at RR: delay 0.0097 s), which cannot be separated from link mass error, and a "
         "centre of mass (x -0.01 m, z 0.02 m) explain 92 % (95 %: 82 to 100) of the gap"
     )
 

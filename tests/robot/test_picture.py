@@ -30,6 +30,15 @@ def test_the_link_of_a_joint_is_in_colour(robot: Robot) -> None:
     assert 0.02 < shown < 0.7
 
 
+def test_a_link_of_hidden_shapes_alone_is_drawn_by_these(tmp_path: Path) -> None:
+    """Meshes that are missing leave contact shapes, of group 3; where a link shows one, its hidden ones stay hidden."""
+    (tmp_path / "arm.xml").write_text("""<mujoco><worldbody>
+      <body name="upper"><joint name="shoulder"/><geom size="0.1" group="3"/>
+        <body name="lower"><joint name="elbow"/><geom size="0.1"/><geom size="0.2" group="3"/></body>
+      </body></worldbody><actuator><motor joint="shoulder"/><motor joint="elbow"/></actuator></mujoco>""")
+    assert shown_model(Robot.load(tmp_path / "arm.xml")).geom_group.tolist() == [0, 0, 3]
+
+
 def test_a_model_without_shapes_is_drawn_from_joint_to_joint(tmp_path: Path) -> None:
     """The upper link reaches to the elbow, 0.5 m on; the lower one over its centre of mass, to twice 0.2 m."""
     inertia = 'mass="1" diaginertia="0.1 0.1 0.1"'

@@ -116,7 +116,9 @@ def parameter_words(name: str) -> str:
 
 def sentence_words(sentence: str) -> str:
     """A sentence of a report without names of code: ``viscous friction (at elbow: damping 0.4 N·m·s/rad)``."""
-    names, numbers = "|".join(known()), {p for kind in known().values() for p in kind.declarations()}
+    kinds = known().values()
+    names = "|".join(name for kind in kinds for name in (kind.name, *kind.other_names))
+    numbers = {p for kind in kinds for p in kind.declarations()}
     plain = re.sub(rf"\((?:{names})(?: (at [^():]+))?: ", lambda found: f"({found[1]}: " if found[1] else "(", sentence)
     plain = re.sub(rf"\b(?:{'|'.join(numbers)})(?= [-\d])", lambda found: parameter_words(found[0]), plain)
     return re.sub(rf"\b(?:{names})\b", lambda found: effect_words(found[0]) if "_" in found[0] else found[0], plain)

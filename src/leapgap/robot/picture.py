@@ -15,6 +15,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from leapgap.robot.kinematics import SHOWN_GROUPS
 from leapgap.robot.model import Robot
 
 BACKENDS = ("egl", "osmesa")  # libraries that draw without a screen; the environment's ``MUJOCO_GL`` stands before them
@@ -81,10 +82,14 @@ def draw(robot: Robot, joints: Sequence[str]) -> np.ndarray:
 
 
 def shown_model(robot: Robot) -> mujoco.MjModel:
-    """The robot as it is drawn: a model file with fewer shapes than links gets a rod from joint to joint."""
+    """The robot as it is drawn: a link without visible shapes by its contacts' ones; rods where shapes are few."""
     spec = robot.published_spec()
     links = [body for body in spec.bodies if body.name != "world"]
     shapes = [geom for body in links for geom in body.geoms]
+    for body in links:
+        if all(geom.group >= SHOWN_GROUPS for geom in body.geoms):
+            for geom in body.geoms:
+                geom.group = 0
     if len(shapes) < len(links):
         model = spec.compile()
         data = mujoco.MjData(model)
