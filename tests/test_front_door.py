@@ -297,9 +297,9 @@ def test_an_unknown_option_is_said_beside_the_usage_of_its_command(capsys: pytes
 
 
 def test_a_misspelt_setting_is_named(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "settings.json").write_text('{"plan": {"step": 3}}')
+    (tmp_path / "settings.json").write_text('{"joint": {"step": 3}}')
     assert run("diagnose", folder / "logs", folder / "arm.xml", "--settings", tmp_path / "settings.json") == 2
-    assert "settings.json, plan: found the keys step; expected keys among" in capsys.readouterr().err
+    assert "settings.json, joint: found the keys step; expected keys among" in capsys.readouterr().err
     (tmp_path / "settings.json").write_text('{"folds": "four"}')
     assert run("diagnose", folder / "logs", folder / "arm.xml", "--settings", tmp_path / "settings.json") == 2
     assert "settings.json, folds: found 'four'; expected a value of type int" in capsys.readouterr().err

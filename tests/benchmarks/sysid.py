@@ -96,7 +96,7 @@ def peer(
     for (h, _, _), value, width in zip(names, x, half, strict=True):
         if abs(value) > width:
             conclusion.setdefault(h.name, []).append(float(value))
-    return conclusion, tuple(h.on(logs[0].name, numbers) for h, numbers in acting(x))
+    return conclusion, acting(x)
 
 
 def heldout(correction: Sequence[Effect], proof: Sequence[Log], robot: Robot, settings: Settings) -> dict[str, float]:
