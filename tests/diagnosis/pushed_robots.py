@@ -106,10 +106,13 @@ BASE = ("base_pos_x", "base_pos_y", "base_pos_z", "base_quat_w", "base_quat_x", 
 BASE_RATES = (*(f"base_linvel_{axis}" for axis in "xyz"), *(f"base_angvel_{axis}" for axis in "xyz"))
 
 
-def quadruped_jump(log: int, pushes: list[Push], lag_s: float = 0.0) -> Log:
+def quadruped_jump(
+    log: int, pushes: list[Push], lag_s: float = 0.0, late: str | None = None, late_rows: int = 10
+) -> Log:
     """A jump of the A1 from a crouch by a joint PD; pushes along x or z act on the trunk's centre of mass.
 
-    Motors follow with the time constant ``lag_s``. The log ends before it lands.
+    Motors follow with the time constant ``lag_s``. Commands of the leg ``late`` are so many rows old. The log ends
+    before it lands.
     """
     rng = np.random.default_rng(200 + log)
     model = mujoco.MjModel.from_xml_path(str(A1))
@@ -125,6 +128,9 @@ def quadruped_jump(log: int, pushes: list[Push], lag_s: float = 0.0) -> Log:
     share = np.clip((time - begin_s) / lasts_s, 0, 1)[:, None]
     wanted = crouch + (stretch - crouch) * share**2 * (3 - 2 * share)
     speed = np.gradient(wanted, JUMP_PERIOD_S, axis=0)
+    old = np.array([late_rows * (joint.partition("_")[0] == late) for joint in joints])
+    at = np.maximum(np.arange(JUMP_ROWS)[:, None] - old, 0)
+    asked, asked_speed = (np.take_along_axis(own, at, axis=0) for own in (wanted, speed))
     for _ in range(300):  # settles in the crouch
         data.qfrc_applied[6:] = JUMP_KP * (crouch - data.qpos[7:]) - JUMP_KD * data.qvel[6:]
         mujoco.mj_step(model, data)
@@ -132,7 +138,7 @@ def quadruped_jump(log: int, pushes: list[Push], lag_s: float = 0.0) -> Log:
     kept, given = np.exp(-JUMP_PERIOD_S / lag_s) if lag_s else 0.0, data.qfrc_applied[6:].copy()
     for row in range(JUMP_ROWS):
         qpos[row], qvel[row] = data.qpos, data.qvel
-        torque = JUMP_KP * (wanted[row] - data.qpos[7:]) + JUMP_KD * (speed[row] - data.qvel[6:])
+        torque = JUMP_KP * (asked[row] - data.qpos[7:]) + JUMP_KD * (asked_speed[row] - data.qvel[6:])
         given = np.clip(torque, -33.5, 33.5) + kept * (given - np.clip(torque, -33.5, 33.5))
         data.qfrc_applied[6:] = given
         data.xfrc_applied[trunk] = 0

@@ -11,6 +11,7 @@ from leapgap import effects
 from leapgap.diagnosis.engine.intervals import Course, Intervals
 from leapgap.diagnosis.engine.points import Bench
 from leapgap.diagnosis.engine.responses import Columns, late_feedback
+from leapgap.diagnosis.engine.search import Search
 from leapgap.diagnosis.engine.whitening import Chunks, linearise
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
@@ -152,3 +153,18 @@ def test_a_motor_that_lags_gives_the_torque_of_before_where_an_interval_begins()
     assert not lagging.has_memory(0, (lag,))
     missed = [np.abs(own.defects(none)[0][PUSHES_OFF, robot.model.nv + 6 :]).mean() for own in (nominal, lagging)]
     assert missed[1] < 0.2 * missed[0]
+
+
+@pytest.mark.long
+def test_commands_that_reach_one_leg_late_are_found_far_from_nominal() -> None:
+    """By plain MuJoCo, 10 ms: drives are replayed at the places that are looked at, since stance tells no feet apart."""
+    robot = Robot.load(A1)
+    judged = JudgedLogs.of([quadruped_jump(log, [], late="RR") for log in range(3)], robot, {})
+    kinds = [effects.known()[name] for name in ("command_delay", "joint_damping", "position_gain", "velocity_gain")]
+    bench = Bench(list_hypotheses(kinds, robot, None), TOLERANCES, judged.states, Replayer(robot, 1, 1))
+    search = Search(bench, np.arange(3), lambda _: None)
+    start = search.judge(bench.nominal())
+    assert {h.location for (h, _), _ in search.far(start.point, ("all",))} == {"all"}
+    h, numbers = search.far(start.point, ("all", "RR"))[0][1]
+    assert h.label == "command_delay at RR"
+    assert numbers == pytest.approx([0.01], rel=0.3)

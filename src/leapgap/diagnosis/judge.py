@@ -192,9 +192,9 @@ class SearchBeside(Search):
             found = best
         return found, others
 
-    def far(self, part: Point) -> list[Acting]:
+    def far(self, part: Point, looked: Sequence[str]) -> list[Acting]:
         """Effects in the drives far from nominal, without those that touch what a change touches."""
-        return [pair for pair in super().far(part) if self.is_free(pair[0][0])]
+        return [pair for pair in super().far(part, looked) if self.is_free(pair[0][0])]
 
     def is_free(self, hypothesis: Hypothesis) -> bool:
         """Whether no change stands for an effect."""

@@ -84,11 +84,6 @@ class Basis:
         """Their inner products in each block, (levels, blocks, nuisances, nuisances)."""
         return self.blocks.products(self.of_nuisances, self.of_nuisances)
 
-    @cached_property
-    def all_products(self) -> np.ndarray:
-        """Inner products of all columns in each block, (levels, blocks, columns, columns)."""
-        return self.blocks.products(self.whitened, self.whitened)
-
     def part(self, chunks: Chunks, chosen: np.ndarray) -> "Basis":
         """The same of some of the ``chunks``, bool (chunks,)."""
         of, longest = self.linearisation, int(chunks.length[chosen].max())
@@ -324,37 +319,41 @@ class Bench:
         offsets = here.remembered(basis.linearisation.transitions)
         return follow(here, Chunks.of(here), offsets, basis.linearisation)
 
-    def far(self, near: Point) -> Iterator[tuple[list[tuple[Hypothesis, np.ndarray]], Whitened]]:
+    def far(
+        self, near: Point, looked: Sequence[str] = ("all",)
+    ) -> Iterator[tuple[list[tuple[Hypothesis, np.ndarray]], Whitened]]:
         """What further effects in the drives do far from nominal beside those of a point: numbers, and a column each.
 
         Such an effect does not grow with its number (a lag, a limit), but what it does to the torques is known at any.
         One after another they are replayed at all joints at once, by long steps, and shared out by the responses to
-        torques, which several feet on the ground do not tell apart.
+        torques. Several feet on the ground do not tell these apart: there the effects are replayed at some places.
         """
         present, forces = {h.name for h, _ in near.acting}, near.basis.linearisation.forces
         rough, chunks = rough_steps(near.intervals), Chunks.of(near.intervals)
         logs = [own.states.log.name for own in near.intervals.courses]
         of_logs = list(zip(on_logs(near.intervals, near.acting), logs, strict=True))
         for name, of_kind in self.kinds.items():
-            everywhere = replace(of_kind, location="all")
-            if name in present or not in_drive(of_kind.kind) or len(everywhere.parameters) > 1:
+            if name in present or not in_drive(of_kind.kind) or len(of_kind.parameters) > 1:
                 continue
-            ladder = everywhere.ladder
-            sets = [[(*own, everywhere.on(log, numbers)) for own, log in of_logs] for numbers in ladder]
             apart = of_kind.kind.along_joints and not self.robot.stands
             at = places(of_kind.kind, self.robot)
+            replayed = [replace(of_kind, location=place) for place in (("all",) if apart else looked) if place in at]
+            sets = [(h, numbers) for h in replayed for numbers in h.ladder]
             found: list[tuple[Hypothesis, np.ndarray]] = []
             columns: list[list[np.ndarray]] = []
-            changes = rough.changes(sets, near.basis.linearisation.transitions)
-            for numbers, change in zip(ladder, changes, strict=True):
+            changes = rough.changes(
+                [[(*own, h.on(log, numbers)) for own, log in of_logs] for h, numbers in sets],
+                near.basis.linearisation.transitions,
+            )
+            for (h, numbers), change in zip(sets, changes, strict=True):
                 if not apart:
-                    found.append((everywhere, numbers))
+                    found.append((h, numbers))
                     columns.append(change)
                     continue
                 parts = [shared(own, of[:, :, self.robot.joint_dofs]) for own, of in zip(change, forces, strict=True)]
                 for place, joints in at.items():
                     which = [self.robot.joints.index(joint) for joint in joints]
-                    found.append((replace(everywhere, location=place), numbers))
+                    found.append((replace(h, location=place), numbers))
                     columns.append([own[:, :, which].sum(axis=2) for own in parts] if place != "all" else change)
             if not found:
                 continue

@@ -269,7 +269,8 @@ class Search:
             part = self.part(now.point)
             nearer = self.touching(now, part)
         if looks_far:
-            far = [[(*now.acting, one) for one in pair] for pair in self.far(part)]
+            looked = ("all", *(one.members[-1].location for one in linear[:1]))
+            far = [[(*now.acting, one) for one in pair] for pair in self.far(part, tuple(dict.fromkeys(looked)))]
             drives = [
                 max(zip(self.glances(part, now.acting, pair), pair, strict=True), key=itemgetter(0)) for pair in far
             ]
@@ -294,14 +295,15 @@ class Search:
         (base, *found), share = self.bench.glances(part, [acting, *sets]), self.bench.some.mean()
         return [(one - base) / share for one in found]
 
-    def far(self, part: Point) -> list[Acting]:
+    def far(self, part: Point, looked: Sequence[str]) -> list[Acting]:
         """Effects in the drives with numbers far from nominal that by their columns gain most, two numbers of each.
 
+        A robot with feet is replayed with each at the places that are ``looked`` at.
         The second departs from nominal by as many times the first as the errors hold its column.
         """
         left = Projection.of(part, *part.priors())
         gains: list[tuple[float, Hypothesis, np.ndarray, float]] = []
-        for found, columns in self.bench.far(part):
+        for found, columns in self.bench.far(part, looked):
             by_errors, by_each = left.of_columns(columns)
             inner = by_each.diagonal() + AT_LEAST
             times = (by_errors + AT_LEAST) / inner
