@@ -48,6 +48,7 @@ class RolloutModels:
         self.compiling = threading.Lock()
         self.specs: dict[tuple[Box, ...], mujoco.MjSpec] = {}
         self.working = WorkingModels()
+        self.counts: dict[Hashable, tuple[int, int]] = {}  # What ``further_states`` has found
 
     def substeps(self, log: Log) -> float:
         """Simulation steps of one control period of the log, a whole number unless rows last uneven whole ticks.
@@ -116,6 +117,16 @@ class RolloutModels:
                     effect.change_model(model, self.robot)
                 put_loads(model, log, self.robot)
             yield working
+
+    def further_states(self, trial: Rollout) -> tuple[int, int]:
+        """Numbers of activations of a trial's model but torques and heat of motors, and of its positions."""
+        key = trial.structure, tuple((type(effect), effect.location) for effect in trial.effects)
+        if key not in self.counts:
+            with self.working_model(trial) as working:
+                model, motors = working.model, self.robot.joint_actuators
+                told = [of(model, motors).sum() for of in (dc_motors.has_current, dc_motors.has_temperature)]
+                self.counts[key] = int(model.na - sum(told)), int(model.nq)
+        return self.counts[key]
 
     def alike(self, trial: Rollout, rows: Sequence[int]) -> list[Hashable]:
         """A key for each of some rows of a trial's log: models of equal keys are equal."""

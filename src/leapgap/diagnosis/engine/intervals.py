@@ -22,7 +22,6 @@ from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import ACTING, Effect, overrides, overriding
 from leapgap.logs.log import Log
 from leapgap.logs.state import States
-from leapgap.robot.dc_motors import has_current, has_temperature
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
@@ -288,14 +287,9 @@ class Intervals:
     def has_memory(self, log: int, effects: Effects) -> bool:
         """Whether a robot with some effects has states beside its joints' that the log does not tell."""
         trial = Rollout(self.courses[log].states.log, effects)
-        return bool(trial.structure) and self._states_of(trial) != self._states_of(replace(trial, effects=()))
-
-    def _states_of(self, trial: Rollout) -> tuple[int, int]:
-        """Numbers of activations of a trial's model but torques and heat of motors, and of its positions."""
-        motors = self.robot.joint_actuators
-        with self.replayer.working_model(trial) as working:
-            told = [of(working.model, motors).sum() for of in (has_current, has_temperature)]
-            return int(working.model.na - sum(told)), int(working.model.nq)
+        if not trial.structure:
+            return False
+        return self.replayer.further_states(trial) != self.replayer.further_states(replace(trial, effects=()))
 
     def without_memory(self, log: int) -> Effects:
         """The acting effects on a log but those with a memory."""
