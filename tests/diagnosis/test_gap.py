@@ -10,10 +10,11 @@ from leapgap.diagnosis.checks.base_clock import BaseClock
 from leapgap.diagnosis.checks.free_fall import FreeFall
 from leapgap.diagnosis.checks.joint_clock import JointClock
 from leapgap.diagnosis.checks.planted_feet import PlantedFeet
-from leapgap.diagnosis.gap import candidate_squares, headline_gap, scaled_errors
+from leapgap.diagnosis.gap import HeldOutGap, candidate_squares, headline_gap, scaled_error, scaled_errors
 from leapgap.diagnosis.judged_logs import JudgedLogs, headline_rows
 from leapgap.diagnosis.localisation import localise, phase_names, phase_of_rows
 from leapgap.diagnosis.noise_floor import noise_floor
+from leapgap.diagnosis.restarts import replayer_at
 from leapgap.logs.log import Log, LogInfo, read_logs
 from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot
@@ -52,6 +53,21 @@ def test_the_noise_floor_is_the_gap_of_a_perfect_model(robot: Robot, reference: 
     gap = headline_gap(candidate_squares(judged, replayer, [[()] * 3])[0], judged)
     floor = headline_gap(noise_floor(judged, replayer, 4, np.random.default_rng(1)), judged)
     assert 0.4 < gap / floor < 2.5
+
+
+def test_the_error_of_the_steps_is_that_to_replays_by_very_short_ones(tmp_path: Path) -> None:
+    """An arm without noise or fault, swung by plain MuJoCo: what is left is of the steps, and is no gap to explain."""
+    robot = Robot.load(plain_arm.write_model(tmp_path))
+    logs = read_logs(plain_arm.write_parquet(tmp_path / "logs", 3, plain_arm.arm()))
+    judged, replayer = JudgedLogs.of(logs, robot), Replayer(robot)
+    gap = HeldOutGap.of(judged, replayer, 3, 2, 10, np.random.default_rng(0))
+    at_all = replayer_at(replayer.with_steps(2e-5), gap.horizon_s).motions(judged.whole_trials())
+    pairs = enumerate(zip(at_all, gap.nominal_motions, strict=True))
+    left = [scaled_error(a, judged, log) - scaled_error(b, judged, log) for log, (a, b) in pairs]
+    assert gap.of_steps == pytest.approx(np.sqrt(np.mean([(own**2).mean() for own in left])), rel=0.1)
+    exact = gap.by_exact_steps
+    assert exact is not gap
+    assert exact.of_steps == pytest.approx(0.25 * gap.of_steps, rel=0.1)
 
 
 def test_noise_is_read_off_the_high_frequencies(robot: Robot, reference: Log) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 
 DIVERGED_ERROR = 100.0  # Error assigned to diverged (non-finite) rollouts, and the bound of all scaled errors
+EXACT = 0.25  # Share of the own steps' length by which replays are nearly exact
 STABLE = 0.7
 """A horizon is stable where a right answer would close this share of the gap, by the noise of its own replays."""
 
@@ -184,8 +186,7 @@ class HeldOutGap:
 
     def at(self, horizon_s: float | None, noise_draws: int, rng: np.random.Generator) -> "HeldOutGap":
         """The same at another horizon."""
-        base = self.replayer.replayer if isinstance(self.replayer, RestartedReplayer) else self.replayer
-        replayer = replayer_at(base, horizon_s)
+        replayer = replayer_at(self.base, horizon_s)
         motions = replayer.motions(self.judged.whole_trials())
         floor = noise_floor(self.judged, replayer, noise_draws, rng, motions)
         nominal = motion_squares(motions, self.judged)
@@ -277,13 +278,12 @@ class HeldOutGap:
     def gaps_at_horizons(self, candidate: Candidate) -> list[tuple[HorizonGap, float]]:
         """The nominal gap at each horizon, and that of a candidate on held-out logs."""
         trials = self.judged.trials(*self.effects_on_logs([candidate]))
-        base = self.replayer.replayer if isinstance(self.replayer, RestartedReplayer) else self.replayer
         found = []
         for gap in self.horizons:
             if gap.horizon_s == self.horizon_s or not candidate.hypotheses:
                 own_gap = self.gap(*self.squares([candidate])) if candidate.hypotheses else gap.nominal
             else:
-                motions = replayer_at(base, gap.horizon_s).motions(trials)
+                motions = replayer_at(self.base, gap.horizon_s).motions(trials)
                 own_gap = gap_of([scaled_error(motion, self.judged, log) for log, motion in enumerate(motions)])
             found.append((gap, own_gap))
         return found
@@ -302,6 +302,33 @@ class HeldOutGap:
     def has_gap(self) -> bool:
         """Whether replays of whole logs have a gap above noise."""
         return above_noise(self.gap(self.before), self.gap(self.floor))
+
+    @cached_property
+    def of_steps(self) -> float:
+        """Headline gap that the steps of the simulation make: of their error, steps of half the length leave half."""
+        motions = self._replayer_of_steps(0.5).motions(self.judged.whole_trials())
+        pairs = enumerate(zip(motions, self.nominal_motions, strict=True))
+        errors = [scaled_error(a, self.judged, log) - scaled_error(b, self.judged, log) for log, (a, b) in pairs]
+        return 2 * gap_of(errors)
+
+    @property
+    def by_exact_steps(self) -> "HeldOutGap":
+        """The same by short steps, where the own ones may make all of the gap, as under feet that slip."""
+        if above_noise(self.gap(self.before), float(np.hypot(self.gap(self.floor), self.of_steps))):
+            return self
+        replayer = self._replayer_of_steps(EXACT)
+        motions = replayer.motions(self.judged.whole_trials())
+        nominal = motion_squares(motions, self.judged)
+        return replace(self, replayer=replayer, nominal=nominal, nominal_motions=motions, cache={}, motions={})
+
+    def _replayer_of_steps(self, share: float) -> Replayer | RestartedReplayer:
+        """The replayer by steps of a share of the own ones' length."""
+        return replayer_at(self.base.with_steps(share * self.base.largest_step_s), self.horizon_s)
+
+    @property
+    def base(self) -> Replayer:
+        """The replayer of whole logs."""
+        return self.replayer.replayer if isinstance(self.replayer, RestartedReplayer) else self.replayer
 
     def gap(self, corrected: np.ndarray) -> float:
         """Headline gap from sums of squares (logs,)."""

@@ -131,9 +131,10 @@ def rivals_of(search: Search, found: Found, member: int) -> list[Rival]:
 
 def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Judgement:
     """The conclusion of a search: verdict, causes in the order of what they explain, and the four numbers."""
-    # Whole logs of feet are chaotic: they fit no numbers, and a set closes nothing where it surely does not.
+    # Whole logs of feet are chaotic: they fit no numbers, and by own steps refuse what surely closes nothing alone.
     on_feet = search.bench.robot.stands
-    found = without_immaterial(search, start, found, gap)
+    exact = gap.by_exact_steps if found.members else gap
+    found = without_immaterial(search, start, found, exact)
     if on_feet:
         found = without_outweighed(search, found)
     blocks = len(found.point.evidence.levels)
@@ -155,11 +156,11 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
     if explained and not on_feet:
         steps[-1] = by_whole_logs(steps[-1], gap)
     gap.replays(steps[-1:])  # all rows at once: the report shows them
-    (figures,) = gap.figures(steps[-1:])
+    (figures,), (judged,) = (own.figures(steps[-1:]) for own in (gap, exact))
     gained, missing = found.predictive - start.predictive, 0.0 if explained else max(found.missing, 0.0)
     numbers = Numbers(gained, u, before, float(d), figures.closure.value, blocks)
     # What stays without a name may make up for as large a share of a cause as of all that is to be explained.
-    unnamed = missing / (gained + missing)
+    unnamed = missing / (max(gained, 0.0) + missing) if missing else 0.0
     if not on_feet:
         unnamed = float(np.clip(1 - figures.closure.value, 0.0, unnamed))
     apart = [max(APART, unnamed * losses[m]) for m in order]
@@ -168,10 +169,10 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
         (found.members[m].name, *dict.fromkeys(rival.hypothesis.name for rival in own))
         for m, own in zip(order, near, strict=True)
     )
-    closes = figures.closure.high if on_feet else figures.closure.value
-    if gap.has_gap and closes < LEAST_CLOSURE:
+    closes = judged.closure.high if on_feet and exact is gap else judged.closure.value
+    if exact.has_gap and closes < LEAST_CLOSURE:
         return Judgement(without, nominal, others(start), numbers, *as_it_is)
-    if why := refusal(found, explained, gained if unnamed > HALF else None, figures, gap):
+    if why := refusal(found, explained, gained if unnamed > HALF else None, judged, exact):
         notes = (f"{in_words(steps[-1])} {why}",)
         return Judgement(unknown, nominal, others(start), numbers, *as_it_is, notes=notes)
     at_end = steps[-1].at_bound
