@@ -19,7 +19,8 @@ from typing import Any, TypeVar
 from leapgap.errors import InputError, needs
 from leapgap.runtime.processes import starting_workers
 
-UNUSED = r"\d+ tasks (have been|which were)"  # what joblib warns of where an error ends the work, which says enough
+UNUSED = r"\d+ tasks (have been|which were)|A worker stopped"
+"""What joblib warns of where an error ends the work, which says enough, and where it replaces a worker that grew."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
