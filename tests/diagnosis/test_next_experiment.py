@@ -215,6 +215,7 @@ def test_motions_alike_do_not_tell_what_the_logs_leave_open_but_by_their_number(
 
     given = Given((), SimpleNamespace(has_free_base=True))
     assert tells_apart(of(OtherJumps(), 40.0), 20.0, 0.125, given)
+    assert tells_apart(of(OtherJumps(), 40.0), 20.0, 1e-22, given)
     assert not tells_apart(of(OtherJumps(), 31.0), 20.0, 0.2, given)
     assert not tells_apart(of(OtherGains(0.7), 40.0), 20.0, 0.45, given)
     assert tells_apart(of(Sines(("hip",), (0.1,), 3.0), 40.0), 20.0, 0.45, given)

@@ -212,7 +212,7 @@ def tells_apart(forecast: Forecast, today: float, rival_share: float, given: Giv
         return False
     if not forecast.experiment.is_alike(given) or not 0 < rival_share < 1:
         return True
-    sigmas = NormalDist().inv_cdf(1 - rival_share)
+    sigmas = -NormalDist().inv_cdf(rival_share)  # however small the share is
     wanted = NormalDist().inv_cdf(1 - RIVAL_SHARE)
     return sigmas * math.sqrt(1 + forecast.least / max(today, 1e-9)) >= wanted
 
