@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from leapgap import effects
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.working_models import without_warnings
@@ -25,6 +26,16 @@ def test_an_unstable_trial_leaves_no_words_and_no_file(tmp_path: Path, capfd: py
     printed = capfd.readouterr()
     assert np.isfinite(motion.qpos).all()
     assert not (printed.out + printed.err)
+    assert [path.name for path in tmp_path.iterdir()] == ["arm.xml"]
+
+
+def test_rotors_that_begin_an_unstable_trial_leave_no_words(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    robot = arm.load(tmp_path)
+    log, play = arm.as_log("thrown", arm.SENT, *arm.simulate(arm.SENT)), effects.effect("joint_play", play_rad=0.01)
+    replayer, trial = Replayer(robot), Rollout(log, (play,))
+    controls = replayer.step_controls(trial, replayer.row_steps(trial), slice(None))[None]
+    assert np.isfinite(replayer.whole_states(trial, replayer.model(trial), np.full((1, 6), 1e12), controls)).all()
+    assert not "".join(capfd.readouterr())
     assert [path.name for path in tmp_path.iterdir()] == ["arm.xml"]
 
 

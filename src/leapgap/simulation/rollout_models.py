@@ -393,7 +393,8 @@ class RolloutModels:
             stiff = self.model(replace(trial, effects=tuple(e for e in trial.effects if not e.has_rotors)))
             dc_motors.set_gains(stiff, self.robot.joint_actuators, kp, kd)
             steps = max(1, round(trial.period_s / stiff.opt.timestep))
-            carried = carried_torque(stiff, self.robot, states, controls, steps)
+            with without_warnings():
+                carried = carried_torque(stiff, self.robot, states, controls, steps)
         return rest_rotors(model, self.robot, states, carried, kp)
 
     def foot_depths(self, trial: Rollout) -> np.ndarray:
