@@ -28,6 +28,7 @@ from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.outside_forces.search import MARGIN_S, place_of
 from leapgap.diagnosis.rival_fits import PLACES, Undecided
 from leapgap.diagnosis.rival_fits import Rival as OpenFit
+from leapgap.effects.base import overrides
 
 SINGLES = 4  # Number of single effects that a report lists beside the answer
 LEAST_CLOSURE = 0.01  # Share of the gap that a set, and each member of it, has to close
@@ -133,7 +134,8 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
     """The conclusion of a search: verdict, causes in the order of what they explain, and the four numbers."""
     # Whole logs of feet are chaotic: they fit no numbers, and by own steps refuse what surely closes nothing alone.
     on_feet = search.bench.robot.stands
-    exact = gap.by_exact_steps if found.members else gap
+    asks_of_steps = any(overrides(h.kind, "change_step") for h in search.bench.hypotheses)
+    exact = gap.by_exact_steps if found.members and not asks_of_steps else gap
     found = without_immaterial(search, start, found, exact)
     if on_feet:
         found = without_outweighed(search, found)
