@@ -157,7 +157,7 @@ def test_a_motor_that_lags_gives_the_torque_of_before_where_an_interval_begins()
 
 @pytest.mark.long
 def test_commands_that_reach_one_leg_late_are_found_far_from_nominal() -> None:
-    """By plain MuJoCo, 10 ms: drives are replayed at the places that are looked at, since stance tells no feet apart."""
+    """By plain MuJoCo, 10 ms: drives are replayed at the places that are asked for; stance tells no feet apart."""
     robot = Robot.load(A1)
     judged = JudgedLogs.of([quadruped_jump(log, [], late="RR") for log in range(3)], robot, {})
     kinds = [effects.known()[name] for name in ("command_delay", "joint_damping", "position_gain", "velocity_gain")]
