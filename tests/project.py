@@ -85,13 +85,12 @@ class Project:
         return found - stages
 
     def outputs(self) -> dict[str, str]:
-        """Hash of every output that must repeat byte for byte (recordings do not)."""
+        """Hash of every output, each of which must repeat byte for byte."""
         lock = OmegaConf.to_container(OmegaConf.load(self.folder / "dvc.lock"))
         return {
             out["path"]: out["md5"]
             for stage in lock["stages"].values()
             for out in stage.get("outs", [])  # type: ignore[index,call-overload]
-            if not out["path"].startswith(("data/views", "data/reports"))
         }
 
 

@@ -37,7 +37,7 @@ def test_published_jumps_go_from_raw_logs_to_report_and_recording(published: Pro
     (clock,) = [check for check in report["checks"] if check["name"] == "joint_clock"]
     assert not clock["passed"]  # rows last longer than the log claims, on every jump
     assert min(clock["per_log"].values()) > 1.05
-    assert (published.folder / "data/reports/published/diagnosis.rrd").exists()
+    assert (published.folder / "data/views_published/diagnosis_published.rrd").exists()
     assert list((published.folder / "data/views_published").glob("published_*.rrd"))
     assert read_json(published.folder / "metrics/published/learning.json")["jumps"] == 4
     assert "data/reports/published/report.html" in published.run(sys.executable, "-m", "stages.print_results")
