@@ -18,8 +18,7 @@ import numpy as np
 from leapgap import effects
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.experiments import plans_of
-from leapgap.diagnosis.experiments.given import Given
-from leapgap.diagnosis.experiments.plans import planned
+from leapgap.diagnosis.experiments.base import Given, planned
 from leapgap.diagnosis.experiments.sines import Sines
 from leapgap.diagnosis.hypotheses import places, usable
 from leapgap.diagnosis.report import round_floats

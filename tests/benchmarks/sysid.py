@@ -27,7 +27,7 @@ from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
 from leapgap.diagnosis.candidates import split_numbers
 from leapgap.diagnosis.closure import closure, resamples
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.experiment_nuisances import errors_of
+from leapgap.diagnosis.experiment_forecast import errors_of
 from leapgap.diagnosis.gap import candidate_squares, headline_gap
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs

@@ -11,17 +11,11 @@ import pytest
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.experiment_forecast import Forecast, Forecaster, Separation, largest_difference
-from leapgap.diagnosis.experiment_whole_logs import LEAST_SHOWN, WholeLogs
+from leapgap.diagnosis.experiment_forecast import LEAST_SHOWN, Forecast, Forecaster, Separation, largest_difference
 from leapgap.diagnosis.experiments import candidates_for, experiment_of, plans_of
-from leapgap.diagnosis.experiments.base import Experiment, Repetition
-from leapgap.diagnosis.experiments.gains import OtherGains
-from leapgap.diagnosis.experiments.given import Given
-from leapgap.diagnosis.experiments.jumps import OtherJumps
-from leapgap.diagnosis.experiments.load import KnownLoad
-from leapgap.diagnosis.experiments.plans import is_possible
+from leapgap.diagnosis.experiments.base import Experiment, Given, Repetition, is_possible
+from leapgap.diagnosis.experiments.motions import KnownLoad, OtherGains, OtherJumps, OtherSpeed
 from leapgap.diagnosis.experiments.sines import Sines
-from leapgap.diagnosis.experiments.speed import OtherSpeed
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.next_experiment import sharpen, tells_apart
@@ -101,7 +95,7 @@ def fit(robot: Robot, kind: type[Effect], number: float, spread: float) -> Candi
 def forecaster(logs: list[Log], robot: Robot, answer: Candidate, rival: Candidate) -> Forecaster:
     judged = JudgedLogs.of(logs, robot)
     rivals = (Rival(rival.names[0], rival),)
-    return Forecaster(judged, Replayer(robot), answer.names[0], answer, rivals, {}, 0.1, 0.01, 1)
+    return Forecaster(judged, Replayer(robot), Settings(tolerances={}), answer.names[0], answer, rivals)
 
 
 def inertia(robot: Robot) -> float:
@@ -164,7 +158,12 @@ def test_what_tolerances_of_the_model_could_do_does_not_count(rod: Robot) -> Non
     judged, rivals = JudgedLogs.of(logs, rod), (Rival("joint_friction", heavy),)
     sure, unsure = (
         Forecaster(
-            judged, Replayer(rod), "torque_gain", fit(rod, TorqueGain, 1.0, 0.01), rivals, tolerances, 0.1, 0.01, 1
+            judged,
+            Replayer(rod),
+            Settings(tolerances=tolerances),
+            "torque_gain",
+            fit(rod, TorqueGain, 1.0, 0.01),
+            rivals,
         ).forecast(Repetition())
         for tolerances in ({}, {"joint_damping.damping": 0.1, "armature.inertia": 3.0})
     )
@@ -200,11 +199,11 @@ def test_whole_logs_that_errors_decide_do_not_show_the_answer(tmp_path: Path) ->
     logs = [swing(seed, GAIN, text=upright) for seed in range(3)]
     judged, answer = JudgedLogs.of(logs, robot), fit(robot, TorqueGain, GAIN, 0.01)
     tolerances = {"armature.inertia": 0.05, "leg_mass.scale": 0.005, "joint_damping.damping": 0.1}
-    whole = WholeLogs(Forecaster(judged, Replayer(robot), "torque_gain", answer, (), tolerances, 0.1, 0.01, 1))
+    whole = Forecaster(judged, Replayer(robot), Settings(tolerances=tolerances), "torque_gain", answer)
     assert whole.closes(Repetition()) > 0.7
-    assert whole.least == pytest.approx(LEAST_SHOWN * whole.closes(Repetition()))
-    assert whole.show_answer(OtherGains(0.7))
-    assert whole.closes(LetGo()) < 0.2 and not whole.show_answer(LetGo())
+    assert whole.least_closed == pytest.approx(LEAST_SHOWN * whole.closes(Repetition()))
+    assert whole.shows_answer(OtherGains(0.7))
+    assert whole.closes(LetGo()) < 0.2 and not whole.shows_answer(LetGo())
 
 
 def test_motions_alike_do_not_tell_what_the_logs_leave_open_but_by_their_number() -> None:
@@ -228,7 +227,7 @@ def test_further_jumps_are_to_the_logged_distances_whose_plans_are_simulated() -
     (jumps,) = OtherJumps.candidates(given)
     assert isinstance(jumps, OtherJumps) and jumps.number(given) == 6
     assert jumps.words(given) == "record 6 further jumps, to 38, 55 cm, with the front feet on blocks of 2 to 8 cm"
-    assert jumps.collect(given)[:2] == ["collect.targets=[[0.38,0.0],[0.55,0.0]]", "collect.jumps=6"]
+    assert jumps.collect(given)[:2] == ("collect.targets=[[0.38,0.0],[0.55,0.0]]", "collect.jumps=6")
 
 
 def test_a_log_without_pieces_counts_for_no_difference() -> None:
@@ -316,7 +315,7 @@ def test_the_least_sure_number_is_sharpened_by_what_at_least_halves_its_spread(r
     unsure, sure = (fit(rod, JointDamping, 0.05, spread) for spread in (0.04, 0.001))
     judged = JudgedLogs.of(logs, rod)
     asked, nothing = (
-        sharpen(Forecaster(judged, Replayer(rod), "joint_damping", of, (), {}, 0.1, 0.01, 1), lambda _: None)
+        sharpen(Forecaster(judged, Replayer(rod), Settings(tolerances={}), "joint_damping", of), lambda _: None)
         for of in (unsure, sure)
     )
     assert nothing is None

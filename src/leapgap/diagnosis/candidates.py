@@ -104,6 +104,12 @@ def clip_numbers(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> np.nd
     return np.concatenate(parts) if parts else numbers
 
 
+def inward(hypotheses: Sequence[Hypothesis], numbers: np.ndarray, by: np.ndarray) -> np.ndarray:
+    """Sign of each step ``by`` (numbers,) that stays in the range of its number: 1, or −1 for the opposite one."""
+    lower, upper = (np.concatenate([h.bounds[side] for h in hypotheses]) for side in (0, 1))
+    return np.where((numbers + by <= upper) & (numbers + by >= lower), 1.0, -1.0)
+
+
 def effects_on_logs(
     hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray], logs: Sequence[str]
 ) -> list[list[tuple[Effect, ...]]]:

@@ -110,10 +110,7 @@ def diagnose(
     places = localise(mapped, fine, settings.where_horizon_s, draws, rng)
     judged, gap = ready.judged, heldout_gap.gap(heldout_gap.before)
     floor = heldout_gap.gap(heldout_gap.floor)
-    pieces = (settings.horizon_s, settings.every_s)
-    proposal = propose(
-        judgement.undecided, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress
-    )
+    proposal = propose(judgement.undecided, judged, ready.replayer, settings, progress)
     report = ReportContent(
         verdict=conclusion.verdict,
         sentence=sentence(conclusion, selected, gap, floor, corrected, names),

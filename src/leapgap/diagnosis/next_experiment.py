@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from leapgap.diagnosis.experiment_forecast import Forecast, Forecaster, Separation
-from leapgap.diagnosis.experiment_whole_logs import WholeLogs
 from leapgap.diagnosis.experiments import candidates_for
-from leapgap.diagnosis.experiments.base import REPEATS, Experiment, Repetition
-from leapgap.diagnosis.experiments.given import Given
-from leapgap.diagnosis.experiments.jumps import OtherJumps
+from leapgap.diagnosis.experiments.base import REPEATS, Experiment, Given, Repetition
+from leapgap.diagnosis.experiments.motions import OtherJumps
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.rival_fits import Undecided
+from leapgap.diagnosis.settings import Settings
 from leapgap.simulation.replay import Replayer
 
 ENOUGH = 60.0  # Loss of log likelihood of the best rival that tells it apart: what a diagnosis asks of a further cause
@@ -64,33 +63,15 @@ def propose(
     undecided: Undecided,
     judged: JudgedLogs,
     replayer: Replayer,
-    tolerances: Mapping[str, float],
-    horizon_s: float,
-    every_s: float,
-    seed: int,
+    settings: Settings,
     progress: Callable[[str], None] = lambda _: None,
 ) -> NextExperiment | None:
-    """The next experiment of a diagnosis; None where nothing is open.
-
-    ``horizon_s`` and ``every_s`` are those of the short rollouts that a further diagnosis would make.
-    """
+    """The next experiment of a diagnosis; None where nothing is open."""
     names, fits = undecided.names, undecided.fits
     if not fits or not fits[0].fit.hypotheses:
         return by_experience(names, Given(judged.logs, judged.robot)) if names else None
-    by_truth = [
-        Forecaster(
-            judged,
-            replayer,
-            truth.name,
-            truth.fit,
-            tuple(rival for rival in fits if rival.name != truth.name),
-            tolerances,
-            horizon_s,
-            every_s,
-            seed,
-        )
-        for truth in fits
-    ]
+    rivals_of = {truth.name: tuple(rival for rival in fits if rival.name != truth.name) for truth in fits}
+    by_truth = [Forecaster(judged, replayer, settings, one.name, one.fit, rivals_of[one.name]) for one in fits]
     if not names:
         return sharpen(by_truth[0], progress)
     if not by_truth[0].rivals:
@@ -106,7 +87,7 @@ def by_experience(names: Sequence[str], given: Given) -> NextExperiment:
         return NextExperiment(f"{trace}log faster and slower motions, and diagnose all logs together.", tuple(names))
     (jump,) = jumps
     sentence = f"{trace}{jump.words(given)}, and diagnose all logs together."
-    return NextExperiment(sentence, tuple(names), jump, collect=tuple(OtherJumps().collect(given)))
+    return NextExperiment(sentence, tuple(names), jump, collect=jump.collect(given))
 
 
 def forecasts_of(forecaster: Forecaster, progress: Callable[[str], None]) -> list[Forecast]:
@@ -130,12 +111,12 @@ def separate(
     resamples in which the likeliest rival is best today.
     """
     answer, *others = by_truth
-    given, today, whole = answer.given, answer.forecast(Repetition()), WholeLogs(answer)
+    given, today = answer.given, answer.forecast(Repetition())
     found = forecasts_of(answer, progress)
     least = today.least if today else 0.0
     telling = [one for one in found if tells_apart(one, least, rival_share, given)]
-    closes = {one.experiment: whole.closes(one.experiment) for one in telling}
-    shown = [one for one in telling if closes[one.experiment] >= whole.least]
+    closes = {one.experiment: answer.closes(one.experiment) for one in telling}
+    shown = [one for one in telling if closes[one.experiment] >= answer.least_closed]
     best = best_for_all_truths(shown, closes, max(ENOUGH, LEAST_TIMES * least), others)
     tried = tuple(
         {"experiment": one.experiment.short, "least_loss": one.least}
@@ -143,7 +124,13 @@ def separate(
         for one in found
     )
     if best is None or not tells_apart(best, least, rival_share, given):
-        return NextExperiment(none_tells(names, len(found), len(telling) - len(shown)), tuple(names), tried=tried)
+        hidden = len(telling) - len(shown)
+        but = f"; {hidden} would in short segments, but whole logs of such motions hide the cause" if hidden else ""
+        sentence = (
+            f"{same_trace(names)}none of {len(found)} simulated experiments separates them beyond noise and the "
+            f"tolerances of the model{but}."
+        )
+        return NextExperiment(sentence, tuple(names), tried=tried)
     return proposal_of(names, best, today, tried, given)
 
 
@@ -169,15 +156,6 @@ def best_for_all_truths(
     return best
 
 
-def none_tells(names: Sequence[str], number: int, hidden: int) -> str:
-    """The sentence where none of a number of experiments is proposed; whole logs hide the answer in ``hidden``."""
-    but = f"; {hidden} would in short segments, but whole logs of such motions hide the cause" if hidden else ""
-    return (
-        f"{same_trace(names)}none of {number} simulated experiments separates them beyond noise and the "
-        f"tolerances of the model{but}."
-    )
-
-
 def proposal_of(
     names: Sequence[str], best: Forecast, today: Forecast | None, tried: tuple[Mapping[str, Any], ...], given: Given
 ) -> NextExperiment:
@@ -186,7 +164,7 @@ def proposal_of(
     worst = min(expected, key=lambda one: float(one["loss"]))
     was = "" if worst["noises_today"] is None else f"; today by {in_noises(worst['noises_today'])}"
     differ = f"There {names[0]} and {worst['rival']} differ by {in_noises(worst['noises'])} times the noise"
-    collect = collect_of(best.experiment, given)
+    collect = best.experiment.collect(given)
     repeats = 1 if collect else max(1, math.ceil(ENOUGH / best.least))
     times = f", each {repeats} times" if repeats > 1 else ""
     sentence = (
@@ -231,11 +209,6 @@ def with_other_truths(forecast: Forecast, others: Sequence[Forecaster]) -> Forec
     return replace(forecast, separations=(*forecast.separations, *more))
 
 
-def collect_of(experiment: Experiment, given: Given) -> tuple[str, ...]:
-    """Settings of ``stages.collect`` for an experiment; empty where it cannot make it."""
-    return tuple(experiment.collect(given)) if isinstance(experiment, OtherJumps) else ()
-
-
 def expected_of(best: Forecast, today: Forecast | None) -> tuple[dict[str, Any], ...]:
     """Each rival's smallest separation in an experiment beside today's."""
 
@@ -269,8 +242,7 @@ def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> NextExpe
     found = forecasts_of(forecaster, progress)
     enough = [one for one in found if spread[which] >= SHRINKS * one.spread[which]]
     enough.sort(key=lambda one: (one.experiment.cost, one.spread[which]))
-    whole = WholeLogs(forecaster)
-    best = next((one for one in enough if whole.show_answer(one.experiment)), None)
+    best = next((one for one in enough if forecaster.shows_answer(one.experiment)), None)
     if best is None:
         return None
     labels = [(h.name, p) for h in answer.hypotheses for p in h.parameters]
@@ -282,11 +254,6 @@ def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> NextExpe
         f"{best.experiment.words(given)}. That should leave ± {best.spread[which]:.2g}{unit}."
     )
     tried = tuple({"experiment": one.experiment.short, "spread": float(one.spread[which])} for one in found)
-    expected = (
-        {
-            "number": f"{name}.{parameter.name}",
-            "spread": float(best.spread[which]),
-            "spread_today": float(spread[which]),
-        },
-    )
-    return NextExperiment(sentence, (), best.experiment, 1, expected, tried, collect_of(best.experiment, given))
+    now, then = float(spread[which]), float(best.spread[which])
+    expected = ({"number": f"{name}.{parameter.name}", "spread": then, "spread_today": now},)
+    return NextExperiment(sentence, (), best.experiment, 1, expected, tried, best.experiment.collect(given))

@@ -11,7 +11,7 @@ import numpy as np
 from leapgap import effects
 from leapgap.diagnosis.channels import channel_errors, sensor_noise
 from leapgap.diagnosis.experiments import plans_of
-from leapgap.diagnosis.experiments.given import Given
+from leapgap.diagnosis.experiments.base import Given
 from leapgap.diagnosis.gap import headline_gap
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import least_noise, phase_names, pieces_of

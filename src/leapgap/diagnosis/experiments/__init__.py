@@ -1,6 +1,6 @@
 """Experiments that may tell causes apart: each states what to do in numbers, and plans the logs that it would give.
 
-A file a kind, found by its class.
+A class a kind, found in any file of this package.
 """
 
 import sys
@@ -9,8 +9,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from leapgap.diagnosis.experiments.base import REPEATS, Experiment
-from leapgap.diagnosis.experiments.given import Given
+from leapgap.diagnosis.experiments.base import REPEATS, Experiment, Given
 from leapgap.logs.log import Log
 from leapgap.registry import classes_by_name
 
