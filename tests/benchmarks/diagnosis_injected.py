@@ -21,12 +21,10 @@ from omegaconf import OmegaConf
 
 from leapgap import effects
 from leapgap.diagnosis.checks import clock_of, run_checks
-from leapgap.diagnosis.closure import closure, resamples
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
-from leapgap.diagnosis.gap import candidate_squares
+from leapgap.diagnosis.gap import candidate_squares, closure, noise_floor, resamples
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError

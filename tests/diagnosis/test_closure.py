@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.closure import closure, resamples
+from leapgap.diagnosis.gap import closure, resamples
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot

@@ -11,7 +11,7 @@ from leapgap.diagnosis.checks import clocks as local
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.experiments.base import Given
 from leapgap.diagnosis.next_experiment import by_experience
-from leapgap.diagnosis.provenance import Provenance
+from leapgap.diagnosis.report import Provenance
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.measurements import SamplePeriod
 from leapgap.errors import InputError

@@ -12,10 +12,8 @@ from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
-from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
-from leapgap.diagnosis.joint_likelihood import JointLikelihood
-from leapgap.diagnosis.joint_search import JointSearch
-from leapgap.diagnosis.log_errors import LogErrors
+from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings, JointSearch
+from leapgap.diagnosis.joint_likelihood import JointLikelihood, LogErrors
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.robot.model import DEFAULT_MODEL, Robot
 from leapgap.robot.motion import Motion

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.candidates import Candidate, Rival
 from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.experiment_forecast import LEAST_SHOWN, Forecast, Forecaster, Separation, largest_difference
 from leapgap.diagnosis.experiments import candidates_for, experiment_of, plans_of
@@ -19,9 +19,8 @@ from leapgap.diagnosis.experiments.sines import Sines
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.next_experiment import sharpen, tells_apart
-from leapgap.diagnosis.outside_forces.inverse_dynamics import inverse_dynamics, without_constraints
+from leapgap.diagnosis.outside_forces.model_errors import inverse_dynamics, without_constraints
 from leapgap.diagnosis.outside_forces.residuals import instants_of, without_loads
-from leapgap.diagnosis.rival_fits import Rival
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
 from leapgap.effects.friction import Armature, JointDamping, JointFriction

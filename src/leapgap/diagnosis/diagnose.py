@@ -1,7 +1,7 @@
 """The diagnosis from end to end: logs and a robot in, a report out."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -10,26 +10,22 @@ from leapgap import effects
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.checks import CheckResult, as_read, clock_of, run_checks
-from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_source
 from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.engine.points import Bench
 from leapgap.diagnosis.engine.search import Search
 from leapgap.diagnosis.engine.verdict import Judgement, candidate_of, conclude, is_explained, without_pushes
 from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
-from leapgap.diagnosis.gap import HeldOutGap
+from leapgap.diagnosis.gap import HeldOutGap, Interval
 from leapgap.diagnosis.hypotheses import list_hypotheses
-from leapgap.diagnosis.joint_fit import JointFit
-from leapgap.diagnosis.joint_search import JointSearch
+from leapgap.diagnosis.joint_fit import JointFit, JointSearch
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.next_experiment import propose
-from leapgap.diagnosis.outside_forces.explained import unexplained
-from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces, without_moments
+from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces, unexplained, without_moments
 from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
-from leapgap.diagnosis.own_clock import OwnClock, own_clock
-from leapgap.diagnosis.provenance import Provenance
-from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
+from leapgap.diagnosis.own_clock import OwnClock, closures_by_source, own_clock
+from leapgap.diagnosis.report import Headline, HorizonError, Provenance, ReportContent
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts, check_length
 from leapgap.diagnosis.summary import causes_of, not_judged, sentence
@@ -124,7 +120,7 @@ def diagnose(
         answer=conclusion.answer,
         closure_of_answer=corrected.closure if conclusion.answer else None,
         closure_shared=shared,
-        closure_by_source=answer.by_source,
+        closures_by_source=answer.by_source,
         where=tuple(places),
         causes=tuple(causes_of(judgement, judged_fits, names, settings.model_error)),
         checks=tuple(ready.checks),
@@ -240,7 +236,7 @@ class FoundAnswer:
     judgement: Judgement
     heldout_gap: HeldOutGap  # At the horizon at which the answer is judged
     evidence: Sequence[Evidence]  # What the logs say without a simulation
-    by_source: ClosureBySource | None = None
+    by_source: Mapping[str, Interval] = field(default_factory=dict)  # As in ``ReportContent``
     best: BestSimulator | None = None  # None where the settings ask for none
 
 
@@ -271,7 +267,7 @@ def answer_by_own_clock(
         near = JointSearch(joint).by_pieces(hypotheses)
         joint = replace(joint, heldout_gap=at_stable_horizon(ready, near, settings))
         steps, sure = JointSearch(joint).search(near)
-    by_source = closure_by_source(joint, steps[-1]) if steps else None
+    by_source = closures_by_source(joint, steps[-1]) if steps else {}
     judgement = clock.conclude(joint, steps, sure)
     found = FoundAnswer(judgement, joint.heldout_gap, evidence, by_source)
     if not settings.best:

@@ -17,13 +17,12 @@ from functools import cached_property
 import numpy as np
 
 from leapgap import effects
-from leapgap.diagnosis.candidates import Candidate, inward
+from leapgap.diagnosis.candidates import Candidate, Rival, inward
 from leapgap.diagnosis.channels import displaced
 from leapgap.diagnosis.experiments.base import Experiment, Given, Repetition, is_possible
 from leapgap.diagnosis.gap import candidate_squares
 from leapgap.diagnosis.hypotheses import Hypothesis, places, tolerance, usable
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.rival_fits import Rival
 from leapgap.diagnosis.robust_least_squares import Products
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, Effects, ShortRollouts

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, clip_numbers, effects_on_logs, inward
-from leapgap.diagnosis.gap import HeldOutGap
+from leapgap.diagnosis.gap import HeldOutGap, scaled_errors
 from leapgap.diagnosis.hypotheses import Hypothesis
 
 DIFFERENCE = 0.25
@@ -120,7 +120,8 @@ class FullRollouts:
 
     def errors(self, hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray]) -> list[list[np.ndarray]]:
         """Scaled errors ``[number][log]`` (rows, channels)."""
-        return self.heldout_gap.errors_with(effects_on_logs(hypotheses, tried, self.heldout_gap.names))
+        gap = self.heldout_gap
+        return scaled_errors(gap.judged, gap.replayer, effects_on_logs(hypotheses, tried, gap.names))
 
     def sample(self, errors: Sequence[np.ndarray]) -> Errors:
         """Scaled errors (rows, channels) of all logs, at the rows that are compared."""

@@ -1,28 +1,134 @@
-"""The headline gap of whole logs: of the nominal robot, and of candidates with effects on held-out logs."""
+"""The headline gap of replays: of the nominal robot, of noise alone, and of candidates with effects on held-out logs.
+
+The share of it above its noise floor that is closed has an interval over resampled logs.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.channels import channel_errors
-from leapgap.diagnosis.closure import Interval, above_noise, closure, resamples
 from leapgap.diagnosis.horizons import (
     HorizonGap,
+    RestartedReplayer,
     gap_of,
     horizons_of,
     longest_informative,
+    replayer_at,
     unmoved_errors,
 )
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.noise_floor import noise_floor
-from leapgap.diagnosis.restarts import RestartedReplayer, replayer_at
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
+
+
+def noise_floor(
+    judged: JudgedLogs,
+    replayer: Replayer | RestartedReplayer,
+    draws: int,
+    rng: np.random.Generator,
+    motions: Sequence[Motion] | None = None,
+    effects: Sequence[tuple[Effect, ...]] | None = None,
+) -> np.ndarray:
+    """Mean sum of squares that sensor noise alone gives for each log, (logs,), summed over rows and channels.
+
+    The motion of the nominal robot, or of one with ``effects`` on each log, plus noise of each channel is taken as
+    measured, and replayed from its noisy first row, or rows where the replayer restarts. ``motions`` are those of that
+    robot, where they are known already.
+    """
+    total, restarted = np.zeros(len(judged.logs)), isinstance(replayer, RestartedReplayer)
+    of_rows = judged.noise_in(judged.channels)
+    trials = judged.trials(effects)
+    motions = motions or replayer.motions(trials)
+    true = [motion[:rows] for motion, rows in zip(motions, judged.rows, strict=True)]
+    for _ in range(draws):
+        for j, motion in enumerate(noisy_replays(judged, replayer, trials, rng)):
+            error = channel_errors(motion, true[j], judged.channels, judged.robot)
+            of_draw = rng.standard_normal(error.shape if restarted else error.T.shape)
+            error -= (of_draw if restarted else of_draw.T) * of_rows[j]
+            total[j] += sum(float((column**2).sum()) for column in (error / judged.scales).T)
+    return total / draws
+
+
+def noisy_replays(
+    judged: JudgedLogs, replayer: Replayer | RestartedReplayer, trials: Sequence[Rollout], rng: np.random.Generator
+) -> list[Motion]:
+    """Replays of the judged rows from starts with noise."""
+    if isinstance(replayer, Replayer):
+        starts = [replayer.first_state(trial) for trial in trials]
+        noisy = [start + rng.standard_normal(len(start)) * judged.start_noise(log) for log, start in enumerate(starts)]
+        return replayer.motions([replace(trial, first_state=state) for trial, state in zip(trials, noisy, strict=True)])
+    of_state = [channel for channel in judged.mapped if channel.is_state]
+    steps, entries = [], [channel.entry for channel in of_state]
+    for states, sigma, trial in zip(judged.states, judged.noise_in(of_state), trials, strict=True):
+        pieces, share = replayer.starts(trial)
+        by = states.deviation[list(pieces.rows)]
+        by[:, entries] = sigma * share[:, None]
+        steps.append(by * rng.standard_normal(by.shape))
+    return replayer.motions(trials, steps)
+
+
+LEAST_ABOVE = 0.05  # Smallest gap above the noise floor, as a share of the floor, of which a reduction can be stated
+
+SIGMAS = 1.96  # Half width of a 95 % interval in standard deviations
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A value with its 95 % interval over resampled logs."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def capped_at_one(self) -> "Interval":
+        """The interval of a share, clipped to at most 1, with the value inside: the form for texts.
+
+        A corrected gap may be below the noise floor by chance, which gives a share above 1.
+        """
+        value = min(self.value, 1.0)
+        return Interval(value, min(self.low, value), max(min(self.high, 1.0), value))
+
+    def to_json(self) -> dict[str, Any]:
+        """A share of the gap in the form of ``report.json``."""
+        return {"heldout": self.value, "ci95": [self.low, self.high]}
+
+
+def above_noise(gap: float, floor: float) -> bool:
+    """Whether a headline gap is above its noise floor."""
+    return gap - floor > LEAST_ABOVE * floor
+
+
+def resamples(logs: int, draws: int, rng: np.random.Generator) -> np.ndarray:
+    """Bootstrap resamples of logs: indices (draws, logs)."""
+    return rng.integers(0, logs, size=(draws, logs))
+
+
+def closure(
+    nominal: np.ndarray, corrected: np.ndarray, floor: np.ndarray, judged: JudgedLogs, draws: np.ndarray
+) -> Interval:
+    """Share of the headline gap above its noise floor that is closed; arguments are sums of squares (logs,).
+
+    It is 0 where the gap is not above the noise floor.
+    """
+    number = judged.value_counts
+
+    def of(chosen: np.ndarray) -> float:
+        values = number[chosen].sum()
+        before, after, least = (np.sqrt(s[chosen].sum() / values) for s in (nominal, corrected, floor))
+        return float((before - after) / (before - least)) if above_noise(before, least) else 0.0
+
+    sample = [of(chosen) for chosen in draws]
+    return Interval(of(np.arange(len(number))), float(np.percentile(sample, 2.5)), float(np.percentile(sample, 97.5)))
+
 
 DIVERGED_ERROR = 100.0  # Error assigned to diverged (non-finite) rollouts, and the bound of all scaled errors
 EXACT = 0.25  # Share of the own steps' length by which replays are nearly exact
@@ -147,16 +253,16 @@ class HeldOutGap:
     def by_own_clock(self, judged: JudgedLogs, noise_draws: int, rng: np.random.Generator) -> "HeldOutGap":
         """The same logs by their own clock; what it makes of the gap is closed by whatever is judged from here on."""
         motions = self.replayer.motions(judged.whole_trials())
-        return replace(
-            self,
-            judged=judged,
-            nominal=motion_squares(motions, judged),
-            floor=noise_floor(judged, self.replayer, noise_draws, rng, motions),
-            nominal_motions=motions,
-            claimed=self,
-            cache={},
-            motions={},
-        )
+        floor = noise_floor(judged, self.replayer, noise_draws, rng, motions)
+        return self._replayed(judged, self.replayer, motions, floor=floor, claimed=self)
+
+    def _replayed(
+        self, judged: JudgedLogs, replayer: Replayer | RestartedReplayer, motions: Sequence[Motion], **further: Any
+    ) -> "HeldOutGap":
+        """The same by other replays of the nominal robot."""
+        nominal = motion_squares(motions, judged)
+        told = {"judged": judged, "replayer": replayer, "nominal": nominal, "nominal_motions": motions, **further}
+        return replace(self, cache={}, motions={}, **told)
 
     @property
     def before(self) -> np.ndarray:
@@ -189,18 +295,8 @@ class HeldOutGap:
         replayer = replayer_at(self.base, horizon_s)
         motions = replayer.motions(self.judged.whole_trials())
         floor = noise_floor(self.judged, replayer, noise_draws, rng, motions)
-        nominal = motion_squares(motions, self.judged)
         claimed = self.claimed and self.claimed.at(horizon_s, noise_draws, rng)
-        return replace(
-            self,
-            replayer=replayer,
-            nominal=nominal,
-            floor=floor,
-            nominal_motions=motions,
-            claimed=claimed,
-            cache={},
-            motions={},
-        )
+        return self._replayed(self.judged, replayer, motions, floor=floor, claimed=claimed)
 
     @property
     def names(self) -> list[str]:
@@ -245,8 +341,6 @@ class HeldOutGap:
 
     def squares_with(self, effect_sets: Sequence[Sequence[tuple[Effect, ...]]]) -> np.ndarray:
         """Sums of squares with effects ``[set][log]``, (sets, logs)."""
-        if not effect_sets:
-            return np.zeros((0, len(self.judged.logs)))
         return candidate_squares(self.judged, self.replayer, effect_sets)
 
     def shared_closure(self, candidate: Candidate) -> Interval:
@@ -258,10 +352,6 @@ class HeldOutGap:
             others = [log for log, own in zip(self.names, self.folds, strict=True) if own != fold]
             effects.append(candidate.typical_effects(others, fold))
         return self.closure(self.squares_with([effects])[0])
-
-    def errors_with(self, effect_sets: Sequence[Sequence[tuple[Effect, ...]]]) -> list[list[np.ndarray]]:
-        """Scaled errors ``[set][log]`` (rows, channels) with effects ``[set][log]``."""
-        return scaled_errors(self.judged, self.replayer, effect_sets)
 
     def figures(self, candidates: Sequence[Candidate]) -> list[HeldOutFigures]:
         """Gap and closure of several candidates on held-out logs."""
@@ -317,9 +407,7 @@ class HeldOutGap:
         if above_noise(self.gap(self.before), float(np.hypot(self.gap(self.floor), self.of_steps))):
             return self
         replayer = self._replayer_of_steps(EXACT)
-        motions = replayer.motions(self.judged.whole_trials())
-        nominal = motion_squares(motions, self.judged)
-        return replace(self, replayer=replayer, nominal=nominal, nominal_motions=motions, cache={}, motions={})
+        return self._replayed(self.judged, replayer, replayer.motions(self.judged.whole_trials()))
 
     def _replayer_of_steps(self, share: float) -> Replayer | RestartedReplayer:
         """The replayer by steps of a share of the own ones' length."""

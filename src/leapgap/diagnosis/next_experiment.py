@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from leapgap.diagnosis.candidates import Undecided
 from leapgap.diagnosis.experiment_forecast import Forecast, Forecaster, Separation
 from leapgap.diagnosis.experiments import candidates_for
 from leapgap.diagnosis.experiments.base import REPEATS, Experiment, Given, Repetition
 from leapgap.diagnosis.experiments.motions import OtherJumps
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.rival_fits import Undecided
 from leapgap.diagnosis.settings import Settings
 from leapgap.simulation.replay import Replayer
 

@@ -1,7 +1,6 @@
 """Does every row of a log last equally long, and does it show new samples, by the motion of the joints?"""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
@@ -19,7 +18,7 @@ class EvenRows(Check):
 
     name = "row_clock"
     threshold = UNEVEN
-    place: ClassVar[int] = 0
+    place = 0
     needs_robot = False
     velocities_in_time = True
     needs_all_rows = True

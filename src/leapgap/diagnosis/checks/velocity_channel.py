@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 
@@ -25,7 +24,7 @@ class VelocityChannel(Check):
 
     name = "velocity_channel"
     threshold = 1.0
-    place: ClassVar[int] = -1
+    place = -1
     needs_robot = False
     needs_all_rows = True
 

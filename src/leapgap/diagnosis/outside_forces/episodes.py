@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from leapgap.diagnosis.evidence.base import NORMAL_MEDIAN
+from leapgap.diagnosis.outside_forces.outside_force import OutsideForceSettings
 from leapgap.diagnosis.outside_forces.residuals import Residual, Residuals
-from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 
 LENGTHS_S = (0.06, 0.12, 0.24, 0.48)  # Times over which forces are averaged to find moments that stand out
 MOST_QUIET, TAIL = 0.8, 0.95

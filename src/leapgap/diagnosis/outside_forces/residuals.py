@@ -11,8 +11,14 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from leapgap.diagnosis.outside_forces.inverse_dynamics import Instants, inverse_dynamics, without_constraints
-from leapgap.diagnosis.outside_forces.model_errors import BODY_NUMBERS, ModelErrors, heavy_bodies
+from leapgap.diagnosis.outside_forces.model_errors import (
+    BODY_NUMBERS,
+    Instants,
+    ModelErrors,
+    heavy_bodies,
+    inverse_dynamics,
+    without_constraints,
+)
 from leapgap.diagnosis.short_rollouts import smooth_starts
 from leapgap.logs.log import Log
 from leapgap.logs.state import States, motor_torques

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from leapgap.diagnosis.closure import SIGMAS, Interval, above_noise
-from leapgap.diagnosis.gap import HeldOutFigures, HeldOutGap, motion_squares
+from leapgap.diagnosis.gap import SIGMAS, HeldOutFigures, HeldOutGap, Interval, above_noise, motion_squares
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.outside_forces.outside_force import EXTERNAL_PUSH, OutsideForce
 from leapgap.diagnosis.outside_forces.search import OutsideForces
