@@ -101,7 +101,9 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], list[SetAside]]:
     for log in sorted(logs, key=len, reverse=True):
         for of in kept:
             how = alike(log, of)
-            if how is None and is_piece(rows[log.name], rows[of.name]):
+            own, others = rows[log.name], rows[of.name]
+            repeats = len(own) >= FEWEST_ROWS and np.isin(own, others, assume_unique=True).mean() > SAME_ROWS
+            if how is None and repeats:
                 how = f"it is a part of {of.name}, which"
             if how is not None:
                 copies[log.name] = SetAside(log.name, f"{how} says nothing more")
@@ -119,11 +121,6 @@ def row_codes(log: Log) -> np.ndarray:
     for name, factor in zip(names, odd, strict=True):
         codes += (np.ascontiguousarray(log[name]).view(np.uint64) ^ (codes >> np.uint64(29))) * factor
     return np.unique(codes)
-
-
-def is_piece(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether nearly all rows of one log are rows of another, by their codes."""
-    return len(one) >= FEWEST_ROWS and float(np.isin(one, other, assume_unique=True).mean()) > SAME_ROWS
 
 
 def alike(one: Log, other: Log) -> str | None:

@@ -71,7 +71,8 @@ def best_mix(robot: Robot, other: Robot, heldout_gap: HeldOutGap) -> tuple[Parts
     Beside them the sums of squares of each log, (logs,), by the parts that are best on the logs of the other folds.
     None also for robots of other bodies, whose parts do not correspond.
     """
-    if not same_bodies(robot, other):
+    plain = all(len(one.bodies) == len(own_bodies(one)) for one in (robot, other))  # a base and one link a joint
+    if not plain or len(robot.feet) != len(other.feet):
         return None
     tried: dict[tuple[str, ...], np.ndarray] = {}
     chosen: tuple[str, ...] = ()
@@ -94,12 +95,6 @@ def held_out(tried: dict[tuple[str, ...], np.ndarray], folds: np.ndarray) -> np.
     every = np.array(list(tried.values()))
     best = [every[:, folds != fold].sum(axis=1).argmin() for fold in folds]
     return np.asarray(every[best, np.arange(len(folds))])
-
-
-def same_bodies(robot: Robot, other: Robot) -> bool:
-    """Whether two robots consist of a base and one link a joint, and have equally many feet."""
-    plain = all(len(one.bodies) == len(own_bodies(one)) for one in (robot, other))
-    return plain and len(robot.feet) == len(other.feet)
 
 
 @dataclass(frozen=True)

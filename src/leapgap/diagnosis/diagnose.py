@@ -18,14 +18,14 @@ from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap, Interval
 from leapgap.diagnosis.hypotheses import list_hypotheses
-from leapgap.diagnosis.joint_fit import JointFit, JointSearch
+from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.next_experiment import propose
 from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces, unexplained, without_moments
 from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
 from leapgap.diagnosis.own_clock import OwnClock, closures_by_source, own_clock
-from leapgap.diagnosis.report import Headline, HorizonError, Provenance, ReportContent
+from leapgap.diagnosis.report import Headline, Provenance, ReportContent
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts, check_length
 from leapgap.diagnosis.summary import causes_of, not_judged, sentence
@@ -95,9 +95,6 @@ def diagnose(
     (replays,), (corrected,) = heldout_gap.replays([selected]), heldout_gap.figures([selected])
     judged_fits = heldout_gap.figures([*conclusion.steps, *(fit for fit, _ in judgement.others)])
     shared = heldout_gap.shared_closure(selected) if conclusion.answer and clock is None else None
-    horizons = tuple(
-        HorizonError(at.horizon_s, at.nominal, own, at.unmoved) for at, own in heldout_gap.gaps_at_horizons(selected)
-    )
     # Short steps: what the nominal simulation's own step does is no part of the gap.
     fine = ready.replayer.with_steps(FINE * ready.replayer.largest_step_s)
     # The map is of all rows: a force from outside is part of the gap, though nothing is fitted to its rows.
@@ -116,7 +113,7 @@ def diagnose(
         headline=Headline(
             judged.preset, {channel.name: channel.scale for channel in judged.channels}, heldout_gap.horizon_s
         ),
-        horizons=horizons,
+        horizons=heldout_gap.errors_at_horizons(selected),
         answer=conclusion.answer,
         closure_of_answer=corrected.closure if conclusion.answer else None,
         closure_shared=shared,
@@ -257,16 +254,19 @@ def answer_by_own_clock(
     """
     judged, clock = ready.judged, ready.clock
     assert clock is not None
-    hypotheses = list_hypotheses(kinds_beside_clock(kinds, settings), judged.robot, None)
+    # The clock is no hypothesis then, and some effects show beside it alone.
+    further = [] if settings.effects else [kind for kind in effects.known().values() if kind.beside_clock]
+    looked = [one for one in (*kinds, *further) if not one.differs_per_log and one.name not in settings.without]
+    hypotheses = list_hypotheses(looked, judged.robot, None)
     evidence = gather([states.log for states in judged.whole], judged.robot)
     progress(f"step 2 of 4, search: {len(hypotheses)} hypotheses (an effect at a location)")
     joint = JointFit(ready.heldout_gap, pieces_of(ready, settings), evidence, settings.joint, progress)
     steps: tuple[Candidate, ...] = ()
     sure: tuple[float, ...] = ()
     if hypotheses:
-        near = JointSearch(joint).by_pieces(hypotheses)
+        near = joint.by_pieces(hypotheses)
         joint = replace(joint, heldout_gap=at_stable_horizon(ready, near, settings))
-        steps, sure = JointSearch(joint).search(near)
+        steps, sure = joint.search(near)
     by_source = closures_by_source(joint, steps[-1]) if steps else {}
     judgement = clock.conclude(joint, steps, sure)
     found = FoundAnswer(judgement, joint.heldout_gap, evidence, by_source)
@@ -358,12 +358,6 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
     if not found:
         raise InputError("without", "every effect", "some that are searched", "leave out fewer")
     return found
-
-
-def kinds_beside_clock(kinds: Sequence[type[Effect]], settings: Settings) -> list[type[Effect]]:
-    """The effects to look for in logs by their own clock, which is no hypothesis then; others show beside a clock."""
-    further = [] if settings.effects else [kind for kind in effects.known().values() if kind.beside_clock]
-    return [kind for kind in (*kinds, *further) if not kind.differs_per_log and kind.name not in settings.without]
 
 
 def tolerances_on(robot: Robot, settings: Settings, own: Sequence[type[Effect]] = ()) -> dict[str, float]:

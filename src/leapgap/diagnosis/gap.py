@@ -13,7 +13,7 @@ import numpy as np
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.channels import channel_errors
 from leapgap.diagnosis.horizons import (
-    HorizonGap,
+    HorizonError,
     RestartedReplayer,
     gap_of,
     horizons_of,
@@ -169,10 +169,9 @@ def candidate_squares(
     return np.array([[float((e**2).sum()) for e in of_logs] for of_logs in scaled_errors(judged, replayer, candidates)])
 
 
-def horizon_gap(horizon_s: float | None, motions: Sequence[Motion], judged: JudgedLogs) -> HorizonGap:
-    """The gap of replays at a horizon, beside that of a robot that does not move."""
-    errors = [scaled_error(motion, judged, log) for log, motion in enumerate(motions)]
-    return HorizonGap(horizon_s, gap_of(errors), gap_of(unmoved_errors(judged, horizon_s)))
+def gap_of_motions(motions: Sequence[Motion], judged: JudgedLogs) -> float:
+    """The headline gap of one motion for each log."""
+    return gap_of([scaled_error(motion, judged, log) for log, motion in enumerate(motions)])
 
 
 def headline_gap(sum_of_squares: np.ndarray, judged: JudgedLogs) -> float:
@@ -218,7 +217,7 @@ class HeldOutGap:
     floor: np.ndarray  # Sums of squares of noise alone, (logs,)
     draws: np.ndarray  # Bootstrap resamples of logs, (draws, logs)
     nominal_motions: Sequence[Motion] = ()  # Their replays by the nominal robot
-    horizons: Sequence[HorizonGap] = ()  # The nominal robot's gap at several horizons
+    horizons: Sequence[HorizonError] = ()  # The nominal robot's gap at several horizons
     claimed: "HeldOutGap | None" = None
     """The same of the logs as they claim to be, where they are judged by their own clock."""
     cache: dict[int, tuple[Candidate, np.ndarray]] = field(default_factory=dict)
@@ -242,7 +241,10 @@ class HeldOutGap:
         fold_of_log = folds_of(len(judged.logs), folds)
         trials = judged.whole_trials()
         at_horizons = [(horizon, replayer_at(base, horizon).motions(trials)) for horizon in horizons_of(judged)]
-        gaps = [horizon_gap(horizon, motions, judged) for horizon, motions in at_horizons]
+        gaps = []
+        for horizon, motions in at_horizons:
+            own = gap_of_motions(motions, judged)
+            gaps.append(HorizonError(horizon, own, own, gap_of(unmoved_errors(judged, horizon))))
         chosen = longest_informative(gaps)
         motions, replayer = at_horizons[gaps.index(chosen)][1], replayer_at(base, chosen.horizon_s)
         nominal = motion_squares(motions, judged)
@@ -365,18 +367,18 @@ class HeldOutGap:
         """Share of the gap that is closed, without an interval."""
         return closure(self.before, corrected, self.floor, self.judged, self.draws[:1]).value
 
-    def gaps_at_horizons(self, candidate: Candidate) -> list[tuple[HorizonGap, float]]:
+    def errors_at_horizons(self, candidate: Candidate) -> tuple[HorizonError, ...]:
         """The nominal gap at each horizon, and that of a candidate on held-out logs."""
-        trials = self.judged.trials(*self.effects_on_logs([candidate]))
-        found = []
-        for gap in self.horizons:
-            if gap.horizon_s == self.horizon_s or not candidate.hypotheses:
-                own_gap = self.gap(*self.squares([candidate])) if candidate.hypotheses else gap.nominal
+        if not candidate.hypotheses:
+            return tuple(self.horizons)
+        trials, found = self.judged.trials(*self.effects_on_logs([candidate])), []
+        for one in self.horizons:
+            if one.horizon_s == self.horizon_s:
+                own = self.gap(*self.squares([candidate]))
             else:
-                motions = replayer_at(self.base, gap.horizon_s).motions(trials)
-                own_gap = gap_of([scaled_error(motion, self.judged, log) for log, motion in enumerate(motions)])
-            found.append((gap, own_gap))
-        return found
+                own = gap_of_motions(replayer_at(self.base, one.horizon_s).motions(trials), self.judged)
+            found.append(replace(one, corrected=own))
+        return tuple(found)
 
     @property
     def horizon_s(self) -> float | None:

@@ -100,16 +100,17 @@ INFORMATIVE = 0.5  # A replay is informative while its error is below this share
 
 
 @dataclass(frozen=True)
-class HorizonGap:
-    """The headline gap of replays that restart after a horizon."""
+class HorizonError:
+    """The headline gap of replays that restart from the log after a horizon."""
 
     horizon_s: float | None  # None: whole logs
     nominal: float
+    corrected: float  # On held-out logs
     unmoved: float  # That of a robot that does not move at each start
 
     @property
     def is_informative(self) -> bool:
-        """Whether the replay is clearly nearer than a robot that does nothing."""
+        """Whether the nominal replay is clearly nearer than a robot that does nothing."""
         return self.nominal < INFORMATIVE * self.unmoved
 
 
@@ -140,6 +141,6 @@ def unmoved_errors(judged: JudgedLogs, horizon_s: float | None) -> list[np.ndarr
     return found
 
 
-def longest_informative(gaps: Sequence[HorizonGap]) -> HorizonGap:
+def longest_informative(gaps: Sequence[HorizonError]) -> HorizonError:
     """The longest horizon at which the nominal robot is informative; the shortest where it never is."""
     return next((gap for gap in gaps if gap.is_informative), gaps[-1])

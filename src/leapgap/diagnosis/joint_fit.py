@@ -24,6 +24,9 @@ from leapgap.errors import InputError
 DAMPINGS = (0.02, 0.2, 1.0, 5.0)  # Levenberg–Marquardt dampings that are tried at each step, as shares of the curvature
 SETTLED = 5.0  # A fit has converged when the logarithm of its likelihood rises by less than this
 
+REPLAYED = 4  # So many effects, those that matter least by the curvature, are taken away in turn by replays
+KNOWN = 0.5  # Pieces tell a number where its spread after them is a smaller share of the one before
+
 
 @dataclass(frozen=True)
 class JointFitSettings:
@@ -71,7 +74,12 @@ class Trial:
 
 @dataclass(frozen=True)
 class JointFit:
-    """Fits sets of effects to whole logs and short pieces together."""
+    """Fits sets of effects to whole logs and short pieces together, and searches among them.
+
+    The search is that in logs by their own clock, beside which effects act at all places, or at parts of a held robot.
+    Short pieces answer almost linearly: effects that they tell to be absent go first, by the curvature. Whole logs
+    answer to large changes in ways that no curvature tells, so that replays judge the others.
+    """
 
     heldout_gap: HeldOutGap
     short: ShortRollouts
@@ -125,7 +133,9 @@ class JointFit:
         slopes: Sequence[LogErrors] = at.errors
         stale, current = every, set[int]()  # logs whose derivatives are taken next, and whose are of these numbers
         for taken in range(steps):
-            slopes = self.renewed(about, at, whole, slopes, stale)
+            found = self.likelihood.slopes(about, at.numbers, [at.errors[log] for log in stale], whole, stale)
+            new = dict(zip(stale, found, strict=True))
+            slopes = [new[log] if log in new else slopes[log] for log in every]
             current |= set(stale)
             best = self.stepped(about, at, slopes, whole)
             if best.loss < at.loss - SETTLED:
@@ -152,19 +162,6 @@ class JointFit:
         steps = (bounded_step(curvature, slope, damping, room) for damping in DAMPINGS)
         tried = self.tried(about, [about.moved(at.numbers, step) for step in steps], whole)
         return min(tried, key=lambda one: one.loss)
-
-    def renewed(
-        self,
-        about: Numbers,
-        at: Trial,
-        whole: bool,
-        slopes: Sequence[LogErrors],
-        logs: Sequence[int],
-    ) -> list[LogErrors]:
-        """Derivatives of all logs, those of some taken anew."""
-        found = self.likelihood.slopes(about, at.numbers, [at.errors[log] for log in logs], whole, logs)
-        new = dict(zip(logs, found, strict=True))
-        return [new[log] if log in new else slopes[log] for log in self.likelihood.logs]
 
     def judged_fit(
         self,
@@ -196,76 +193,44 @@ class JointFit:
             self.losses[key] = self.likelihood.loss(errors, self.numbers(fit.hypotheses).departs(fit.numbers))
         return self.losses[key]
 
-
-def where_others_are_nominal(fit: FullRolloutFit, kept: Sequence[int]) -> tuple[list[int], np.ndarray, np.ndarray]:
-    """Indices of the numbers of some hypotheses, their shift if all others are nominal, and their covariance then.
-
-    By the curvature at the fit: (numbers,), (numbers,) and (numbers, numbers).
-    """
-    own = fit.indices(kept)
-    gone = fit.indices([k for k in range(len(fit.hypotheses)) if k not in kept])
-    departs = fit.departs[gone]
-    precision = np.linalg.inv(fit.covariance)
-    covariance = np.linalg.inv(precision[np.ix_(own, own)])
-    return own, covariance @ precision[np.ix_(own, gone)] @ departs, covariance
-
-
-def part(fit: FullRolloutFit, kept: Sequence[int]) -> FullRolloutFit:
-    """Some causes of a fit, in this order, at their best numbers by the curvature where all others are nominal."""
-    hypotheses = tuple(fit.hypotheses[k] for k in kept)
-    own, shift, inner = where_others_are_nominal(fit, kept)
-    numbers = clip_numbers(hypotheses, fit.numbers[own] + shift)
-    of_folds = np.array([clip_numbers(hypotheses, fold + shift) for fold in fit.fold_numbers[:, own]])
-    return FullRolloutFit(hypotheses, numbers, inner, of_folds, fit.loss, fit.heldout)
-
-
-REPLAYED = 4  # So many effects, those that matter least by the curvature, are taken away in turn by replays
-KNOWN = 0.5  # Pieces tell a number where its spread after them is a smaller share of the one before
-
-
-@dataclass(frozen=True)
-class JointSearch:
-    """The search in logs by their own clock, beside which effects act at all places, or at parts of a held robot.
-
-    Short pieces answer almost linearly: effects that they tell to be absent go first, by the curvature. Whole logs
-    answer to large changes in ways that no curvature tells, so that replays judge the others.
-    """
-
-    joint: JointFit
-
     def search(self, near: FullRolloutFit) -> tuple[tuple[FullRolloutFit, ...], tuple[float, ...]]:
         """Fits of the first one, two, … causes, what matters most first, and the probability of each cause.
 
         That is the share of resampled logs on which the whole set is better than without it. ``near`` is the fit by
         pieces from which that to whole logs begins. Nothing where the set does not surely help.
         """
-        fit = self.reduced(self.joint.fit(near.hypotheses, near.numbers, self.joint.plan.all_steps))
-        return self.ordered(fit) if self.joint.surely_helps(fit) else ((), ())
+        fit = self.reduced(self.fit(near.hypotheses, near.numbers, self.plan.all_steps))
+        return self.ordered(fit) if self.surely_helps(fit) else ((), ())
 
     def by_pieces(self, hypotheses: Sequence[Hypothesis]) -> FullRolloutFit:
-        """The fit by short pieces of all effects but those that they tell to be absent."""
-        every = tuple(h for h in hypotheses if h.location == "all" or is_part(h))
-        near = self.joint.fit(every, self.joint.numbers(every).centre, self.joint.plan.first_steps, whole=False)
-        near = part(
-            near, self.without_idle(near, self.losses_without, self.joint.plan.least_sign, among=self.told_by(near))
+        """The fit by short pieces of all effects but those that they tell to be absent.
+
+        They act at all places, or at one of the few parts of a held robot; legs of a walking one are alike.
+        """
+        every = tuple(
+            h
+            for h in hypotheses
+            if h.location == "all" or (not h.robot.has_free_base and h.location in parts_of(h.kind, h.robot))
         )
-        self.joint.progress(f"by short segments, {in_words(near)}")
+        near = self.fit(every, self.numbers(every).centre, self.plan.first_steps, whole=False)
+        near = part(near, self.without_idle(near, self.losses_without, self.plan.least_sign, among=self.told_by(near)))
+        self.progress(f"by short segments, {in_words(near)}")
         return near
 
     def told_by(self, fit: FullRolloutFit) -> list[int]:
         """Indices of the hypotheses of which a fit knows each number much better than it was known before."""
-        spread = np.sqrt(np.diag(fit.covariance)) / self.joint.numbers(fit.hypotheses).spread
+        spread = np.sqrt(np.diag(fit.covariance)) / self.numbers(fit.hypotheses).spread
         return [k for k, (begin, end) in enumerate(itertools.pairwise(fit.ends)) if spread[begin:end].max() < KNOWN]
 
     def reduced(self, fit: FullRolloutFit) -> FullRolloutFit:
         """The fit of the effects of another one that matter and help on held-out logs."""
-        plan = self.joint.plan
+        plan = self.plan
         kept = self.without_idle(fit, self.replayed_losses_without, plan.least_gain, plan.most_causes)
         fit = self.fit_part(fit, kept)
         useful = self.without_useless(fit)
         if len(useful) < len(fit.hypotheses):
             again = self.fit_part(fit, useful)
-            if self.joint.closes(fit) - self.joint.closes(again) < plan.most_lost:
+            if self.closes(fit) - self.closes(again) < plan.most_lost:
                 fit = again
         return fit
 
@@ -273,9 +238,9 @@ class JointSearch:
         """Some of the effects of a fit, fitted again from their numbers in it."""
         hypotheses = tuple(fit.hypotheses[k] for k in kept)
         numbers = np.concatenate([fit.split()[k] for k in kept])
-        again = self.joint.fit(hypotheses, numbers, self.joint.plan.steps)
-        closes = self.joint.closes(again)
-        self.joint.progress(f"jointly, {in_words(again)}: explains {closes:.2f}, loss {again.loss:.0f}")
+        again = self.fit(hypotheses, numbers, self.plan.steps)
+        closes = self.closes(again)
+        self.progress(f"jointly, {in_words(again)}: explains {closes:.2f}, loss {again.loss:.0f}")
         return again
 
     def without_idle(
@@ -292,7 +257,7 @@ class JointSearch:
         not ``among`` the ones in question.
         """
         kept = list(range(len(fit.hypotheses)))
-        stay = [self.joint.is_told(h) or (among is not None and k not in among) for k, h in enumerate(fit.hypotheses)]
+        stay = [self.is_told(h) or (among is not None and k not in among) for k, h in enumerate(fit.hypotheses)]
         while (open_to_doubt := [k for k in kept if not stay[k]]) and len(kept) > 1:
             losses = dict(zip(kept, losses_without(fit, kept), strict=True))
             idlest = min(open_to_doubt, key=lambda k: losses[k])
@@ -306,12 +271,12 @@ class JointSearch:
 
         What evidence tells goes only where held-out logs are replayed better without it.
         """
-        kept, gap, now = list(range(len(fit.hypotheses))), self.joint.heldout_gap, self.joint.closes(fit)
-        enough = now - self.joint.plan.most_lost
+        kept, gap, now = list(range(len(fit.hypotheses))), self.heldout_gap, self.closes(fit)
+        enough = now - self.plan.most_lost
         while len(kept) > 1:
             without = gap.squares([part(fit, [other for other in kept if other != k]) for k in kept])
             closes = np.array([gap.closure_value(squares) for squares in without])
-            room = closes - [now if self.joint.is_told(fit.hypotheses[k]) else enough for k in kept]
+            room = closes - [now if self.is_told(fit.hypotheses[k]) else enough for k in kept]
             least = int(np.argmax(room))
             if room[least] <= 0:
                 break
@@ -336,10 +301,10 @@ class JointSearch:
         Only the few that may matter least by the curvature are replayed; the others count as needed.
         """
         losses = dict(zip(kept, self.losses_without(fit, kept), strict=True))
-        open_to_doubt = [k for k in kept if not self.joint.is_told(fit.hypotheses[k])]
+        open_to_doubt = [k for k in kept if not self.is_told(fit.hypotheses[k])]
         doubtful = sorted(open_to_doubt, key=lambda k: losses[k])[:REPLAYED]
         tried = [part(fit, kept), *(part(fit, [other for other in kept if other != k]) for k in doubtful)]
-        whole, *without = [self.joint.loss_at(one) for one in tried]
+        whole, *without = [self.loss_at(one) for one in tried]
         found = dict(zip(doubtful, without, strict=True))
         return np.array([found.get(k, np.inf) - whole for k in kept])
 
@@ -351,12 +316,28 @@ class JointSearch:
             last_first.append(kept.pop(int(np.argmin(self.losses_without(fit, kept)))))
         order = [*kept, *reversed(last_first)]
         without = [part(fit, [k for k in order if k != one]) for one in order] if len(order) > 1 else []
-        gap = self.joint.heldout_gap
+        gap = self.heldout_gap
         sure = [gap.share_better(fit.heldout, own) for own in gap.squares(without)]
         return tuple(part(fit, order[: k + 1]) for k in range(len(order))), tuple(sure or [1.0])
 
 
-def is_part(hypothesis: Hypothesis) -> bool:
-    """Whether an effect acts at one of the few parts of a held robot; legs of a walking one are alike."""
-    robot = hypothesis.robot
-    return not robot.has_free_base and hypothesis.location in parts_of(hypothesis.kind, robot)
+def where_others_are_nominal(fit: FullRolloutFit, kept: Sequence[int]) -> tuple[list[int], np.ndarray, np.ndarray]:
+    """Indices of the numbers of some hypotheses, their shift if all others are nominal, and their covariance then.
+
+    By the curvature at the fit: (numbers,), (numbers,) and (numbers, numbers).
+    """
+    own = fit.indices(kept)
+    gone = fit.indices([k for k in range(len(fit.hypotheses)) if k not in kept])
+    departs = fit.departs[gone]
+    precision = np.linalg.inv(fit.covariance)
+    covariance = np.linalg.inv(precision[np.ix_(own, own)])
+    return own, covariance @ precision[np.ix_(own, gone)] @ departs, covariance
+
+
+def part(fit: FullRolloutFit, kept: Sequence[int]) -> FullRolloutFit:
+    """Some causes of a fit, in this order, at their best numbers by the curvature where all others are nominal."""
+    hypotheses = tuple(fit.hypotheses[k] for k in kept)
+    own, shift, inner = where_others_are_nominal(fit, kept)
+    numbers = clip_numbers(hypotheses, fit.numbers[own] + shift)
+    of_folds = np.array([clip_numbers(hypotheses, fold + shift) for fold in fit.fold_numbers[:, own]])
+    return FullRolloutFit(hypotheses, numbers, inner, of_folds, fit.loss, fit.heldout)

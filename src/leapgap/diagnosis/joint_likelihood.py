@@ -166,15 +166,15 @@ class JointLikelihood:
 
     def whole_errors(self, sets: Sequence[Sequence[tuple]], logs: Sequence[int]) -> list[list[np.ndarray]]:
         """Scaled errors ``[set][log]`` (values,) of whole replays of some logs, with effects ``[set][any log]``."""
+        judged, found = self.heldout_gap.judged, list[list[np.ndarray]]()
         at_once = max(1, LOGS_AT_ONCE // max(1, len(logs)))
-        some = (sets[first : first + at_once] for first in range(0, len(sets), at_once))
-        return [errors for of_some in some for errors in self._whole_errors(of_some, logs)]
-
-    def _whole_errors(self, sets: Sequence[Sequence[tuple]], logs: Sequence[int]) -> list[list[np.ndarray]]:
-        judged = self.heldout_gap.judged
-        trials = [of_all[log] for of_all in map(judged.trials, sets) for log in logs]
-        motions = iter(self.heldout_gap.replayer.motions(trials))
-        return [[scaled_error(next(motions), judged, log)[:: self.every[log]].ravel() for log in logs] for _ in sets]
+        for first in range(0, len(sets), at_once):
+            some = sets[first : first + at_once]
+            trials = [of_all[log] for of_all in map(judged.trials, some) for log in logs]
+            errors = zip(self.heldout_gap.replayer.motions(trials), [*logs] * len(some), strict=True)
+            of_logs = iter([scaled_error(one, judged, log)[:: self.every[log]].ravel() for one, log in errors])
+            found += [[next(of_logs) for _ in logs] for _ in some]
+        return found
 
     @cached_property
     def every(self) -> list[int]:

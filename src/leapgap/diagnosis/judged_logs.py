@@ -144,13 +144,14 @@ class JudgedLogs:
             expected = "positions of the joints, or the state of the base, in every log"
             raise InputError(logs[0].name, "nothing measured that every log has", expected, "log it")
         planar = jump_channels(logged)
-        of_jumps = bool(planar) and not sizes and all(is_of_jump(log) for log in logs)
+        of_jumps = bool(planar) and not sizes and all(is_jump(log) or "schedule" in log.info.extra for log in logs)
         sensors = ScoredSensors() if of_jumps else ScoredSensors.of(logs, robot)
         whole = tuple(States.of(log, robot, sensors.columns) for log in logs)
         judged = [headline_rows(log, robot) for log in logs] if rows is None else rows
         states = tuple(of_log.first_rows(number) for of_log, number in zip(whole, judged, strict=True))
         if of_jumps:
-            joints = tuple(channel for channel in logged if channel.name in planar_and_joints(robot))
+            names = {*JUMP, *(f"{of}/{joint}" for of in ("joint_pos", "joint_vel") for joint in robot.joints)}
+            joints = tuple(channel for channel in logged if channel.name in names)
             return JudgedLogs(robot, whole, states, sensors, logged, planar, joints, "jump")
         logged = logged_channels(logs, robot, sensors.columns)
         every = sized_channels([of_log.motion for of_log in states], logged, robot, sizes or {})
@@ -238,13 +239,3 @@ def trials_of(states: Sequence[States], effects: Sequence[tuple[Effect, ...]] | 
 def is_jump(log: Log) -> bool:
     """Whether a log states a flight and its touch-down."""
     return {FLIGHT, TOUCH_DOWN} <= {segment.name for segment in log.info.segments}
-
-
-def is_of_jump(log: Log) -> bool:
-    """Whether a log is a jump, or a part of one that states its schedule."""
-    return is_jump(log) or "schedule" in log.info.extra
-
-
-def planar_and_joints(robot: Robot) -> set[str]:
-    """Names of the channels in which the gap of jumps is mapped."""
-    return {*JUMP, *(f"{quantity}/{joint}" for quantity in ("joint_pos", "joint_vel") for joint in robot.joints)}

@@ -15,6 +15,7 @@ from leapgap.diagnosis.descriptions import DescriptionFigures
 from leapgap.diagnosis.engine.verdict import Numbers, ResidualForce
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import Interval
+from leapgap.diagnosis.horizons import HorizonError
 from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.logs.log import Log
@@ -104,16 +105,6 @@ class Headline:
     preset: str  # ``jump``: the plane of a jump at fixed sizes; ``all``: every channel by its spread or a given size
     sizes: Mapping[str, float]  # Channel → size by which its errors are divided, m, rad, m/s, rad/s
     horizon_s: float | None  # Time after which replays restart from the log; None: whole logs
-
-
-@dataclass(frozen=True)
-class HorizonError:
-    """The headline gap of replays that restart from the log after a horizon."""
-
-    horizon_s: float | None  # None: whole logs
-    nominal: float
-    corrected: float  # On held-out logs
-    unmoved: float  # That of a robot that does not move at each start
 
 
 @dataclass(frozen=True)

@@ -94,22 +94,16 @@ def pairs(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
 
 
 def limbs_of(joints: Sequence[str], robot: Robot) -> list[list[str]]:
-    """Joints that hang on each other, in their order."""
+    """Joints that hang on each other, in their order: below the base, or below the world."""
     limbs: dict[int, list[str]] = {}
-    for joint in joints:
-        body = int(robot.model.jnt_bodyid[robot.model.joint(joint).id])
-        limbs.setdefault(root_of(robot, body, joints), []).append(joint)
+    bodies = [int(robot.model.jnt_bodyid[robot.model.joint(joint).id]) for joint in joints]
+    for joint, body in zip(joints, bodies, strict=True):
+        root = body
+        while body > 0:
+            root = body if body in bodies else root
+            body = int(robot.model.body_parentid[body])
+        limbs.setdefault(root, []).append(joint)
     return list(limbs.values())
-
-
-def root_of(robot: Robot, body: int, joints: Sequence[str]) -> int:
-    """The outermost body of the limb of a body: below the base, or below the world."""
-    ids = {int(robot.model.jnt_bodyid[robot.model.joint(joint).id]) for joint in joints}
-    root = body
-    while body > 0:
-        root = body if body in ids else root
-        body = int(robot.model.body_parentid[body])
-    return root
 
 
 def orders(robot: Robot, joints: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
@@ -255,9 +249,9 @@ class Wiring(Check):
                 if k != at and totals[k] > totals[at] + np.log(AS_GOOD)
             ]
             found, best = [*found, tried[at][0]], tried[at][1]
-        smaller = size(first, tells) / max(size(best, tells), np.finfo(float).tiny)
+        smaller = size(first.missed, tells) / max(size(best.missed, tells), np.finfo(float).tiny)
         per_log = dict(
-            zip(dict.fromkeys(pieces.of_log), (float(size_of(own, tells)) for own in first.by_log), strict=True)
+            zip(dict.fromkeys(pieces.of_log), (float(size(own, tells)) for own in first.by_log), strict=True)
         )
         if not found:
             says = "no other sign, unit or order of the joints' columns fits the model better"
@@ -324,11 +318,6 @@ def gain(before: Judged, after: Judged, reading: Reading, robot: Robot, tells: n
     return float(min(ratio[own].mean(), 2 * np.median(of_logs), 4 * of_logs.min())) + others
 
 
-def size(of: Judged, tells: np.ndarray) -> float:
-    """Root mean square of what is missed of the joints that tell something."""
-    return size_of(of.missed, tells)
-
-
-def size_of(missed: np.ndarray, tells: np.ndarray) -> float:
+def size(missed: np.ndarray, tells: np.ndarray) -> float:
     """Root mean square of what is missed, (joints,), of those that tell something."""
     return float(np.sqrt(np.mean(missed[tells] ** 2)))

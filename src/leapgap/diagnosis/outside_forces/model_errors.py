@@ -5,8 +5,9 @@ the model, so that a push of half a second hardly moves them. Gains of the motor
 and every torque could shrink to nothing together.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -146,29 +147,17 @@ def changes_of(model: mujoco.MjModel, motion: Instants, needed: np.ndarray) -> n
 
 def changed_bodies(model: mujoco.MjModel) -> Iterator[mujoco.MjModel]:
     """Models with one number of one body changed by a believed standard deviation."""
-
-    def changed(change: Callable[[mujoco.MjModel], None]) -> mujoco.MjModel:
-        other = model.__copy__()
-        change(other)
-        mujoco.mj_setConst(other, mujoco.MjData(other))
-        return other
-
     for body in heavy_bodies(model):
-
-        def heavier(other: mujoco.MjModel, body: int = body) -> None:
-            other.body_mass[body] *= 1 + MASS
-
-        yield changed(heavier)
+        changes: list[tuple[str, Any, float, float]] = [("body_mass", body, 1 + MASS, 0.0)]
         for axis in range(3):
-
-            def shifted(other: mujoco.MjModel, body: int = body, axis: int = axis) -> None:
-                other.body_ipos[body, axis] += CENTRE_M
-
-            def wider(other: mujoco.MjModel, body: int = body, axis: int = axis) -> None:
-                other.body_inertia[body, axis] *= 1 + INERTIA
-
-            yield changed(shifted)
-            yield changed(wider)
+            at = body, axis
+            changes += [("body_ipos", at, 1.0, CENTRE_M), ("body_inertia", at, 1 + INERTIA, 0.0)]
+        for name, at, factor, added in changes:
+            other = model.__copy__()
+            values = getattr(other, name)
+            values[at] = factor * values[at] + added
+            mujoco.mj_setConst(other, mujoco.MjData(other))
+            yield other
 
 
 def heavy_bodies(model: mujoco.MjModel) -> list[int]:

@@ -44,7 +44,8 @@ def find_outside_forces(
 ) -> tuple[OutsideForce, ...]:
     """Find the forces from outside that act in some logs, by log and time."""
     logs = judged.logs
-    if len(logs) < LEAST_LOGS or any(is_short(log) for log in logs):
+    short = any(len(log) < LEAST_ROWS or float(log.time[-1] - log.time[0]) < SHORTEST_S for log in logs)
+    if len(logs) < LEAST_LOGS or short:
         return ()
     residuals = measure(judged.states, judged.robot, replayer)
     episodes: list[Episode] = []
@@ -65,11 +66,6 @@ def without_moments(
     if len(parts) < LEAST_LOGS:
         return OutsideForces(forces)
     return OutsideForces(forces, tuple(parts), part_of)
-
-
-def is_short(log: Log) -> bool:
-    """Whether no moment could stand out in a log."""
-    return len(log) < LEAST_ROWS or float(log.time[-1] - log.time[0]) < SHORTEST_S
 
 
 def moments_of(episodes: Sequence[Episode], logs: int) -> Pushed:
