@@ -138,7 +138,7 @@ def realised_closure(found: Diagnosis, proof: Sequence[Log], robot: Robot, setti
     floor = noise_floor(judged, replayer, settings.noise_draws, np.random.default_rng(0))
     if nominal.sum() < DETECTABLE * floor.sum():
         return None
-    return closure(nominal, after, floor, judged, resamples(len(proof), 1, np.random.default_rng(0))).value
+    return closure(nominal, after, floor, judged.value_counts, resamples(len(proof), 1, np.random.default_rng(0))).value
 
 
 def judge(case: Case, small: bool = False) -> dict[str, Any]:

@@ -102,7 +102,9 @@ def heldout(correction: Sequence[Effect], proof: Sequence[Log], robot: Robot, se
     judged, replayer = JudgedLogs.of(proof, robot), Replayer(robot)
     nominal, after = candidate_squares(judged, replayer, [[()] * len(proof), [tuple(correction)] * len(proof)])
     floor = noise_floor(judged, replayer, settings.noise_draws, np.random.default_rng(0))
-    closed = closure(nominal, after, floor, judged, resamples(len(proof), 1, np.random.default_rng(0))).value
+    closed = closure(
+        nominal, after, floor, judged.value_counts, resamples(len(proof), 1, np.random.default_rng(0))
+    ).value
     return {"gap_nominal": headline_gap(nominal, judged), "gap": headline_gap(after, judged), "closure": closed}
 
 

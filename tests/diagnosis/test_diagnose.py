@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 from leapgap import effects
 from leapgap.diagnosis.checks import clocks as local
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
-from leapgap.diagnosis.experiments.base import Given
+from leapgap.diagnosis.experiment_plans import Given
 from leapgap.diagnosis.next_experiment import by_experience
 from leapgap.diagnosis.report import Provenance
 from leapgap.diagnosis.settings import Settings

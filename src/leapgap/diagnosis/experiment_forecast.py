@@ -4,10 +4,9 @@ The answer's robot makes each experiment in simulation. Its logs are cut to the 
 each rival is replayed in them. A rival may adapt its numbers as far as today's logs leave them open, and the model's
 tolerances may move too; what then remains of the difference is what a further diagnosis could see.
 
-Short pieces may tell causes apart in a motion whose whole logs no simulation can replay: where feet slip, errors as
-small as the tolerances of the model take a robot elsewhere within a second. A diagnosis judges its answer by whole
-logs, and finds in such ones a gap that no cause closes. So an experiment is also made by robots that differ from the
-answer's as the model may differ from the real one, and judged as a further diagnosis would judge its logs.
+Where feet slip, errors as small as the tolerances of the model take a robot elsewhere within a second, and a diagnosis
+finds a gap in whole logs that no cause closes. So an experiment is also made by robots that differ from the answer's as
+the model may differ from the real one, and its whole logs are judged as a further diagnosis would judge them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +18,8 @@ import numpy as np
 from leapgap import effects
 from leapgap.diagnosis.candidates import Candidate, Rival, inward
 from leapgap.diagnosis.channels import displaced
-from leapgap.diagnosis.experiments.base import Experiment, Given, Repetition, is_possible
+from leapgap.diagnosis.experiment_plans import Given, is_possible
+from leapgap.diagnosis.experiments import Experiment, repetition
 from leapgap.diagnosis.gap import candidate_squares
 from leapgap.diagnosis.hypotheses import Hypothesis, places, tolerance, usable
 from leapgap.diagnosis.judged_logs import JudgedLogs
@@ -113,8 +113,7 @@ class Forecaster:
 
     def plans(self, experiment: Experiment) -> list[Log]:
         """The first parts of the first logs of an experiment."""
-        plans = experiment.plans(self.given)[:MOST_LOGS]
-        return [plan.first_rows(min(len(plan), plan.info.rows(MOST_S) + 1)) for plan in plans]
+        return [plan.first_rows(min(len(plan), plan.info.rows(MOST_S) + 1)) for plan in experiment.plans[:MOST_LOGS]]
 
     def forecast(self, experiment: Experiment) -> Forecast | None:
         """What an experiment would show; None where the robot could not make it."""
@@ -131,7 +130,7 @@ class Forecaster:
         short = ShortRollouts.of(states, replayer, horizon_s, self.settings.every_s, pieces)
         short, nuisances = with_nuisances(short, self.answer, self.settings.tolerances)
         slopes = slopes_of(short, self.answer)
-        times = experiment.number(self.given) / len(plans)
+        times = experiment.number / len(plans)
         separations = tuple(self.separation(rival, short, nuisances, times) for rival in self.rivals)
         return Forecast(experiment, separations, self.spread_after(slopes[:, :, 1:], nuisances))
 
@@ -142,7 +141,7 @@ class Forecaster:
             found = None if tried is None else self.forecast(tried)
             if tried is None or found is not None:
                 return found
-            tried = tried.gentler()
+            tried = tried.gentler and tried.gentler()
         return None
 
     def simulate(self, plans: Sequence[Log], replayer: Replayer) -> list[Log] | None:
@@ -211,7 +210,7 @@ class Forecaster:
     @cached_property
     def least_closed(self) -> float:
         """What the right answer must close: of what it closes in the same motions, made again by such robots."""
-        return LEAST_SHOWN * max(0.0, self.closes(Repetition()))
+        return LEAST_SHOWN * max(0.0, self.closes(repetition(self.given)))
 
     def closes(self, experiment: Experiment) -> float:
         """Share of the gap of an experiment's whole logs that the right answer closes, those of all robots together.

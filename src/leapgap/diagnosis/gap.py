@@ -113,21 +113,26 @@ def resamples(logs: int, draws: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def closure(
-    nominal: np.ndarray, corrected: np.ndarray, floor: np.ndarray, judged: JudgedLogs, draws: np.ndarray
+    nominal: np.ndarray,
+    corrected: np.ndarray,
+    floor: np.ndarray,
+    counts: np.ndarray,
+    draws: Sequence[np.ndarray] | np.ndarray,
+    of_nominal: np.ndarray | None = None,
 ) -> Interval:
-    """Share of the headline gap above its noise floor that is closed; arguments are sums of squares (logs,).
+    """Share of the headline gap above its noise floor that is closed; 0 where the gap is not above that floor.
 
-    It is 0 where the gap is not above the noise floor.
+    Arguments are sums of squares (logs,) and the ``counts`` of their values, those ``of_nominal`` where they differ.
     """
-    number = judged.value_counts
+    first = counts if of_nominal is None else of_nominal
 
     def of(chosen: np.ndarray) -> float:
-        values = number[chosen].sum()
-        before, after, least = (np.sqrt(s[chosen].sum() / values) for s in (nominal, corrected, floor))
+        sums = ((nominal, first), (corrected, counts), (floor, counts))
+        before, after, least = (np.sqrt(s[chosen].sum() / number[chosen].sum()) for s, number in sums)
         return float((before - after) / (before - least)) if above_noise(before, least) else 0.0
 
     sample = [of(chosen) for chosen in draws]
-    return Interval(of(np.arange(len(number))), float(np.percentile(sample, 2.5)), float(np.percentile(sample, 97.5)))
+    return Interval(of(np.arange(len(counts))), float(np.percentile(sample, 2.5)), float(np.percentile(sample, 97.5)))
 
 
 DIVERGED_ERROR = 100.0  # Error assigned to diverged (non-finite) rollouts, and the bound of all scaled errors
@@ -361,11 +366,11 @@ class HeldOutGap:
 
     def closure(self, corrected: np.ndarray) -> Interval:
         """Share of the gap that is closed where sums of squares (logs,) remain, with its interval."""
-        return closure(self.before, corrected, self.floor, self.judged, self.draws)
+        return closure(self.before, corrected, self.floor, self.judged.value_counts, self.draws)
 
     def closure_value(self, corrected: np.ndarray) -> float:
         """Share of the gap that is closed, without an interval."""
-        return closure(self.before, corrected, self.floor, self.judged, self.draws[:1]).value
+        return closure(self.before, corrected, self.floor, self.judged.value_counts, self.draws[:1]).value
 
     def errors_at_horizons(self, candidate: Candidate) -> tuple[HorizonError, ...]:
         """The nominal gap at each horizon, and that of a candidate on held-out logs."""

@@ -28,37 +28,6 @@ class LogErrors:
     pieces: np.ndarray  # Whitened errors of its short pieces, (pieces, values)
 
 
-def normal_equations(
-    errors: Sequence[LogErrors], slopes: Sequence[LogErrors], folds: np.ndarray, fold: int | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Curvature (numbers, numbers) and slope (numbers,) of minus the logarithm of the likelihood of some errors.
-
-    ``folds`` (logs,) says which fold each log is held out with; the logs of ``fold`` do not count.
-    """
-    numbers = slopes[0].pieces.shape[2]
-    values = np.concatenate([of.whole for of in errors])
-    of_whole = independent(len(values)) / ALIKE / max(float(values @ values), 1e-12)
-    curvature, slope = np.zeros((numbers, numbers)), np.zeros(numbers)
-    for own, of, by in zip(folds, errors, slopes, strict=True):
-        if own == fold:
-            continue
-        weights = PIECE_VALUES / (USUAL + np.mean(of.pieces**2, axis=1)) / max(1, of.pieces.shape[1])
-        flat = by.pieces.reshape(-1, numbers)
-        weighted = (by.pieces * weights[:, None, None]).reshape(-1, numbers)
-        by_whole = by.whole[: len(of.whole)]
-        curvature += of_whole * by_whole.T @ by_whole + weighted.T @ flat
-        slope += of_whole * by_whole.T @ of.whole + weighted.T @ of.pieces.ravel()
-    return curvature, slope
-
-
-def loss_of(errors: Sequence[LogErrors]) -> float:
-    """Minus the logarithm of the likelihood of some errors, up to a constant."""
-    values = np.concatenate([of.whole for of in errors])
-    whole = independent(len(values)) / ALIKE / 2 * np.log(np.mean(values**2)) if len(values) else 0.0
-    chi2 = np.concatenate([np.mean(of.pieces**2, axis=1) for of in errors])
-    return float(whole + PIECE_VALUES / 2 * np.log(USUAL + chi2).sum())
-
-
 def independent(values: int) -> float:
     """Number of independent values of whole replays among so many compared ones."""
     return values * EVERY_S / INDEPENDENT_S
@@ -192,13 +161,28 @@ class JointLikelihood:
 
     def loss(self, errors: Sequence[LogErrors], departs: np.ndarray) -> float:
         """Minus the logarithm of the likelihood, up to a constant; ``departs`` from what is expected, scaled."""
-        return loss_of(errors) + 0.5 * float(departs @ departs)
+        values = np.concatenate([of.whole for of in errors])
+        whole = independent(len(values)) / ALIKE / 2 * np.log(np.mean(values**2)) if len(values) else 0.0
+        chi2 = np.concatenate([np.mean(of.pieces**2, axis=1) for of in errors])
+        return float(whole + PIECE_VALUES / 2 * np.log(USUAL + chi2).sum()) + 0.5 * float(departs @ departs)
 
     def normal(
         self, errors: Sequence[LogErrors], slopes: Sequence[LogErrors], departs: np.ndarray, fold: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Curvature and slope of ``loss`` by the scaled numbers, (numbers, numbers) and (numbers,), without a fold."""
-        curvature, slope = normal_equations(errors, slopes, self.heldout_gap.folds, fold)
+        numbers = slopes[0].pieces.shape[2]
+        values = np.concatenate([of.whole for of in errors])
+        of_whole = independent(len(values)) / ALIKE / max(float(values @ values), 1e-12)
+        curvature, slope = np.zeros((numbers, numbers)), np.zeros(numbers)
+        for own, of, by in zip(self.heldout_gap.folds, errors, slopes, strict=True):
+            if own == fold:
+                continue
+            weights = PIECE_VALUES / (USUAL + np.mean(of.pieces**2, axis=1)) / max(1, of.pieces.shape[1])
+            flat = by.pieces.reshape(-1, numbers)
+            weighted = (by.pieces * weights[:, None, None]).reshape(-1, numbers)
+            by_whole = by.whole[: len(of.whole)]
+            curvature += of_whole * by_whole.T @ by_whole + weighted.T @ flat
+            slope += of_whole * by_whole.T @ of.whole + weighted.T @ of.pieces.ravel()
         return curvature + np.eye(len(slope)), slope + departs
 
     def slopes(

@@ -10,9 +10,8 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import Undecided
 from leapgap.diagnosis.experiment_forecast import Forecast, Forecaster, Separation
-from leapgap.diagnosis.experiments import candidates_for
-from leapgap.diagnosis.experiments.base import REPEATS, Experiment, Given, Repetition
-from leapgap.diagnosis.experiments.motions import OtherJumps
+from leapgap.diagnosis.experiment_plans import Given
+from leapgap.diagnosis.experiments import REPEATS, Experiment, candidates_for, other_jumps, repetition
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.settings import Settings
 from leapgap.simulation.replay import Replayer
@@ -45,15 +44,13 @@ class NextExperiment:
     tried: tuple[Mapping[str, Any], ...] = ()
     """Every experiment that was foretold, with its smallest loss over the rivals, and the share of the gap of its whole
     logs that the right answer would close, where that was asked for."""
-    collect: tuple[str, ...] = ()  # Settings of ``stages.collect``, where these make it
 
     def to_json(self) -> dict[str, Any]:
         """The entry of ``report.json``."""
         entry: dict[str, Any] = {"sentence": self.sentence, "separates": list(self.separates)}
         if self.experiment is not None:
             entry["settings"] = self.experiment.settings | ({REPEATS: self.repeats} if self.repeats > 1 else {})
-        if self.collect:
-            entry["collect"] = list(self.collect)
+            entry |= {"collect": list(self.experiment.collect)} if self.experiment.collect else {}
         entry["expected"] = [dict(one) for one in self.expected]
         entry["tried"] = [dict(one) for one in self.tried]
         return entry
@@ -82,12 +79,11 @@ def propose(
 def by_experience(names: Sequence[str], given: Given) -> NextExperiment:
     """A proposal without figures, where no rival has a fit that could be simulated."""
     trace = same_trace(names)
-    jumps = OtherJumps.candidates(given)
-    if not jumps:
+    if not given.is_jumps:
         return NextExperiment(f"{trace}log faster and slower motions, and diagnose all logs together.", tuple(names))
-    (jump,) = jumps
-    sentence = f"{trace}{jump.words(given)}, and diagnose all logs together."
-    return NextExperiment(sentence, tuple(names), jump, collect=jump.collect(given))
+    jump = other_jumps(given)
+    sentence = f"{trace}{jump.words}, and diagnose all logs together."
+    return NextExperiment(sentence, tuple(names), jump)
 
 
 def forecasts_of(forecaster: Forecaster, progress: Callable[[str], None]) -> list[Forecast]:
@@ -111,10 +107,10 @@ def separate(
     resamples in which the likeliest rival is best today.
     """
     answer, *others = by_truth
-    given, today = answer.given, answer.forecast(Repetition())
+    today = answer.forecast(repetition(answer.given))
     found = forecasts_of(answer, progress)
     least = today.least if today else 0.0
-    telling = [one for one in found if tells_apart(one, least, rival_share, given)]
+    telling = [one for one in found if tells_apart(one, least, rival_share)]
     closes = {one.experiment: answer.closes(one.experiment) for one in telling}
     shown = [one for one in telling if closes[one.experiment] >= answer.least_closed]
     best = best_for_all_truths(shown, closes, max(ENOUGH, LEAST_TIMES * least), others)
@@ -123,7 +119,7 @@ def separate(
         | ({"closes": closes[one.experiment]} if one.experiment in closes else {})
         for one in found
     )
-    if best is None or not tells_apart(best, least, rival_share, given):
+    if best is None or not tells_apart(best, least, rival_share):
         hidden = len(telling) - len(shown)
         but = f"; {hidden} would in short segments, but whole logs of such motions hide the cause" if hidden else ""
         sentence = (
@@ -131,7 +127,7 @@ def separate(
             f"tolerances of the model{but}."
         )
         return NextExperiment(sentence, tuple(names), tried=tried)
-    return proposal_of(names, best, today, tried, given)
+    return proposal_of(names, best, today, tried)
 
 
 def best_for_all_truths(
@@ -157,21 +153,20 @@ def best_for_all_truths(
 
 
 def proposal_of(
-    names: Sequence[str], best: Forecast, today: Forecast | None, tried: tuple[Mapping[str, Any], ...], given: Given
+    names: Sequence[str], best: Forecast, today: Forecast | None, tried: tuple[Mapping[str, Any], ...]
 ) -> NextExperiment:
     """The proposal of an experiment, with what it would show beside today's logs."""
     expected = expected_of(best, today)
     worst = min(expected, key=lambda one: float(one["loss"]))
     was = "" if worst["noises_today"] is None else f"; today by {in_noises(worst['noises_today'])}"
     differ = f"There {names[0]} and {worst['rival']} differ by {in_noises(worst['noises'])} times the noise"
-    collect = best.experiment.collect(given)
-    repeats = 1 if collect else max(1, math.ceil(ENOUGH / best.least))
+    repeats = 1 if best.experiment.collect else max(1, math.ceil(ENOUGH / best.least))
     times = f", each {repeats} times" if repeats > 1 else ""
     sentence = (
-        f"{same_trace(names)}{best.experiment.words(given)}{times}, and diagnose all logs together. {differ} in "
+        f"{same_trace(names)}{best.experiment.words}{times}, and diagnose all logs together. {differ} in "
         f"{worst['channel']}{was}."
     )
-    return NextExperiment(sentence, tuple(names), best.experiment, repeats, expected, tried, collect)
+    return NextExperiment(sentence, tuple(names), best.experiment, repeats, expected, tried)
 
 
 def same_trace(names: Sequence[str]) -> str:
@@ -179,7 +174,7 @@ def same_trace(names: Sequence[str]) -> str:
     return f"These logs do not separate {', '.join(names[:-1])} and {names[-1]}: "
 
 
-def tells_apart(forecast: Forecast, today: float, rival_share: float, given: Given) -> bool:
+def tells_apart(forecast: Forecast, today: float, rival_share: float) -> bool:
     """Whether an experiment, made a few times, tells the answer apart from its rivals.
 
     ``today`` is the loss that the logged motions are foretold to give. Where these leave a rival best in
@@ -188,7 +183,7 @@ def tells_apart(forecast: Forecast, today: float, rival_share: float, given: Giv
     """
     if forecast.least < max(ENOUGH / MOST_REPEATS, LEAST_TIMES * today):
         return False
-    if not forecast.experiment.is_alike(given) or not 0 < rival_share < 1:
+    if not forecast.experiment.is_alike or not 0 < rival_share < 1:
         return True
     sigmas = -NormalDist().inv_cdf(rival_share)  # however small the share is
     wanted = NormalDist().inv_cdf(1 - RIVAL_SHARE)
@@ -248,12 +243,12 @@ def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> NextExpe
     labels = [(h.name, p) for h in answer.hypotheses for p in h.parameters]
     name, parameter = labels[which]
     unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-    given, value = forecaster.given, f"{answer.numbers[which]:.3g} ± {spread[which]:.2g}{unit}"
+    value = f"{answer.numbers[which]:.3g} ± {spread[which]:.2g}{unit}"
     sentence = (
         f"The least sure number is {parameter.name} of {name}, {value}: "
-        f"{best.experiment.words(given)}. That should leave ± {best.spread[which]:.2g}{unit}."
+        f"{best.experiment.words}. That should leave ± {best.spread[which]:.2g}{unit}."
     )
     tried = tuple({"experiment": one.experiment.short, "spread": float(one.spread[which])} for one in found)
     now, then = float(spread[which]), float(best.spread[which])
     expected = ({"number": f"{name}.{parameter.name}", "spread": then, "spread_today": now},)
-    return NextExperiment(sentence, (), best.experiment, 1, expected, tried, best.experiment.collect(given))
+    return NextExperiment(sentence, (), best.experiment, 1, expected, tried)

@@ -10,8 +10,8 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.channels import channel_errors, sensor_noise
+from leapgap.diagnosis.experiment_plans import Given
 from leapgap.diagnosis.experiments import plans_of
-from leapgap.diagnosis.experiments.base import Given
 from leapgap.diagnosis.gap import headline_gap, noise_floor
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import least_noise, phase_names, pieces_of

@@ -1,14 +1,9 @@
-"""What an experiment starts from, what it is, the logs that it plans, and the one that repeats what was done.
-
-Plans are logs whose commands are to be sent, and whose measured columns hold the state that they start from.
-"""
+"""What experiments start from, and plans: logs whose commands are to be sent, from a state that they hold."""
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,7 +12,6 @@ from leapgap.logs.state import columns_of, motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 
-REPEATS = "repeats"  # Key of a proposal's settings: how many times each log is to be made
 MOST_PLACES, MOST_PLACES_FLOATING = 3, 1  # Number of sets of joints that are moved by themselves
 MOST_LIMITED, BEYOND_RAD = 0.05, 0.02
 """Share of the rows in which a motor may be at its limit, and how far a joint may press into its stop, rad."""
@@ -35,6 +29,11 @@ class Given:
     def joints(self) -> tuple[str, ...]:
         """Joints that the logs command, in the order of the robot."""
         return tuple(joint for joint in self.robot.joints if f"cmd_kp/{joint}" in self.logs[0])
+
+    @property
+    def is_jumps(self) -> bool:
+        """Whether every log is a jump to a stated target."""
+        return all("target" in log.info.extra for log in self.logs)
 
     @property
     def is_even(self) -> bool:
@@ -89,80 +88,6 @@ class Given:
         """``kp 40`` of so many times the gains, or a range over joints."""
         values = sorted({float(f"{factor * value:.3g}") for value in self.median("cmd_kp").values() if value > 0})
         return f"kp {values[0]:g}" + (f" to {values[-1]:g}" if len(values) > 1 else "") if values else "kp 0"
-
-
-@dataclass(frozen=True)
-class Experiment(ABC):
-    """Further logs, and what they need beside commands."""
-
-    name: ClassVar[str]
-    cost: ClassVar[int]  # Order of the effort that it takes: of those that tell causes apart, the least is proposed
-    brief: ClassVar[str] = ""  # The experiment in a few words, after "at" or "with", with its own numbers in braces
-
-    @classmethod
-    @abstractmethod
-    def candidates(cls, given: Given) -> list["Experiment"]:
-        """Those of this kind that are possible."""
-
-    @abstractmethod
-    def plans(self, given: Given) -> list[Log]:
-        """The logs to make, with commands and no measurements."""
-
-    @abstractmethod
-    def words(self, given: Given) -> str:
-        """What to do, as an imperative with numbers."""
-
-    def number(self, given: Given) -> int:
-        """How many logs to make."""
-        return len(self.plans(given))
-
-    def is_alike(self, given: Given) -> bool:
-        """Whether its motions are nearly the logged ones, so that they tell causes apart in the same proportion."""
-        return False
-
-    @property
-    def short(self) -> str:
-        """The experiment in a few words: ``with 2 times the gains``."""
-        return self.brief.format(**vars(self)) or self.name.replace("_", " ")
-
-    def gentler(self) -> "Experiment | None":
-        """The same with a smaller motion, where the robot cannot make it; None where it has no size."""
-        return None
-
-    @property
-    def sensors(self) -> tuple[str, ...]:
-        """Columns of sensors that are logged besides."""
-        return ()
-
-    def collect(self, given: Given) -> tuple[str, ...]:
-        """Settings of ``stages.collect`` that make it on simulated hardware; empty where these cannot."""
-        return ()
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The experiment as data, from which ``experiment_of`` restores it."""
-        return {"kind": self.name, **asdict(self)}
-
-
-@dataclass(frozen=True)
-class Repetition(Experiment):
-    """The same motions again; it tells what the logs tell today."""
-
-    name = "repetition"
-    cost = 0
-
-    @classmethod
-    def candidates(cls, given: Given) -> list[Experiment]:
-        """None: it is never proposed."""
-        return []
-
-    def plans(self, given: Given) -> list[Log]:
-        """The logs' own commands from their own starts."""
-        return repeated(given)
-
-    def words(self, given: Given) -> str:
-        """What to do: the same motions once more."""
-        return "record the same motions again"
 
 
 def standing_commands(given: Given, rows: int) -> dict[str, np.ndarray]:
