@@ -247,11 +247,6 @@ class JointCandidate:
     candidate: Candidate
     handicap: float  # Factor on its squares where candidates are compared
 
-    @property
-    def spread_left(self) -> np.ndarray:
-        """Share of the standard deviation beforehand that the logs leave of each number, (numbers,)."""
-        return self.fits.spread_left(self.weighting, self.candidate.numbers)
-
 
 @dataclass(frozen=True)
 class BestFit:
@@ -350,7 +345,10 @@ class BestFit:
         if not chosen or gap.closure_value(heldout) - answer < LEAST_BETTER:
             chosen, heldout = 0, before
         candidate = candidates[chosen]
-        numbers = self.judged(candidate, fits[chosen - 1].spread_left if chosen else np.zeros(len(candidate.numbers)))
+        left = np.zeros(len(candidate.numbers))
+        if chosen:
+            left = fits[chosen - 1].fits.spread_left(fits[chosen - 1].weighting, candidate.numbers)
+        numbers = self.judged(candidate, left)
         best = BestSimulator(
             candidate,
             "joint fit" if chosen else "answer",

@@ -32,11 +32,6 @@ class RestartedReplayer:
     smoothed: dict[int, tuple[Log, tuple[Starts, np.ndarray]]] = field(default_factory=dict, repr=False, compare=False)
     """Starts of each log that was replayed, by its ``id``; the log is kept so that the number stays its own."""
 
-    @property
-    def largest_step_s(self) -> float:
-        """Largest step of the simulation, s."""
-        return self.replayer.largest_step_s
-
     def with_steps(self, largest_step_s: float) -> "RestartedReplayer":
         """The same with another largest step of the simulation."""
         return replace(self, replayer=self.replayer.with_steps(largest_step_s))

@@ -25,7 +25,7 @@ from leapgap.logs.state import States, motor_torques
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, TWIST_SLICE, VELOCITY_SLICE
 from leapgap.simulation.replay import Replayer
-from leapgap.simulation.rollout import Rollout, with_loads
+from leapgap.simulation.rollout import LOAD, Rollout, put_loads
 
 EVERY_S, MOST_EVALUATIONS = 0.01, 150_000
 """Forces are computed at this interval, or at a longer one that needs no more inverse dynamics of all logs together."""
@@ -102,9 +102,10 @@ class ByInverseDynamics:
 
 def without_loads(motion: Instants, log: Log, robot: Robot) -> Instants:
     """The motion with the torque that is left for the robot itself beside the known loads of its log."""
-    loaded = with_loads(robot.model, log, robot)
-    if loaded is robot.model:
+    if LOAD not in log.info.extra:
         return motion
+    loaded = robot.model.__copy__()
+    put_loads(loaded, log, robot)
     bare, whole = (inverse_dynamics(without_constraints(model), motion) for model in (robot.model, loaded))
     return replace(motion, torque=motion.torque - (whole - bare))
 
