@@ -103,7 +103,6 @@ def diagnose(
     places = localise(mapped, fine, settings.where_horizon_s, draws, rng)
     judged, gap = ready.judged, heldout_gap.gap(heldout_gap.before)
     floor = heldout_gap.gap(heldout_gap.floor)
-    proposal = propose(judgement.undecided, judged, ready.replayer, settings, progress)
     report = ReportContent(
         verdict=conclusion.verdict,
         sentence=sentence(conclusion, selected, gap, floor, corrected, names),
@@ -123,7 +122,7 @@ def diagnose(
         checks=tuple(ready.checks),
         evidence=tuple(answer.evidence),
         descriptions=tuple(judge_descriptions(descriptions, heldout_gap)),
-        next_experiment=proposal.to_json() if proposal else None,
+        next_experiment=propose(judgement.undecided, judged, ready.replayer, settings, progress),
         not_judged=(*not_judged(judged), *(f.explained for f in ready.outside.forces if f not in forces)),
         evidence_numbers=judgement.numbers,
         residual_force=judgement.residual,

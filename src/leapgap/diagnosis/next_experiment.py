@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from statistics import NormalDist
 from typing import Any
 
@@ -31,29 +31,28 @@ CHECKED, CHECKED_FLOATING = 5, 2
 LEAST_NOISES = 0.01  # Smallest difference, in units of noise, that is told as a number
 
 
-@dataclass(frozen=True)
-class NextExperiment:
-    """A proposal, with the figures that speak for it."""
+Entry = dict[str, Any]  # A proposal in the form of ``report.json``
 
-    sentence: str
-    separates: tuple[str, ...]
-    experiment: Experiment | None = None  # None where none tells the causes apart, or none could be foretold
-    repeats: int = 1  # How many times each of its logs is to be made
-    expected: tuple[Mapping[str, Any], ...] = ()
-    """For each rival what the experiment would show, beside what the logs show today."""
-    tried: tuple[Mapping[str, Any], ...] = ()
-    """Every experiment that was foretold, with its smallest loss over the rivals, and the share of the gap of its whole
-    logs that the right answer would close, where that was asked for."""
 
-    def to_json(self) -> dict[str, Any]:
-        """The entry of ``report.json``."""
-        entry: dict[str, Any] = {"sentence": self.sentence, "separates": list(self.separates)}
-        if self.experiment is not None:
-            entry["settings"] = self.experiment.settings | ({REPEATS: self.repeats} if self.repeats > 1 else {})
-            entry |= {"collect": list(self.experiment.collect)} if self.experiment.collect else {}
-        entry["expected"] = [dict(one) for one in self.expected]
-        entry["tried"] = [dict(one) for one in self.tried]
-        return entry
+def entry_of(
+    sentence: str,
+    separates: Sequence[str],
+    experiment: Experiment | None = None,
+    repeats: int = 1,
+    expected: Sequence[Entry] = (),
+    tried: Sequence[Entry] = (),
+) -> Entry:
+    """A proposal, with the figures that speak for it.
+
+    The experiment is None where none tells the causes apart, or none could be foretold. ``expected`` says what it would
+    show for each rival, beside today's logs; ``tried`` every experiment that was foretold, with its smallest loss over
+    the rivals, and the share of the gap of its whole logs that the right answer would close, where that was asked for.
+    """
+    entry: Entry = {"sentence": sentence, "separates": list(separates)}
+    if experiment is not None:
+        entry["settings"] = experiment.settings | ({REPEATS: repeats} if repeats > 1 else {})
+        entry |= {"collect": list(experiment.collect)} if experiment.collect else {}
+    return entry | {"expected": list(expected), "tried": list(tried)}
 
 
 def propose(
@@ -62,7 +61,7 @@ def propose(
     replayer: Replayer,
     settings: Settings,
     progress: Callable[[str], None] = lambda _: None,
-) -> NextExperiment | None:
+) -> Entry | None:
     """The next experiment of a diagnosis; None where nothing is open."""
     names, fits = undecided.names, undecided.fits
     if not fits or not fits[0].fit.hypotheses:
@@ -76,14 +75,14 @@ def propose(
     return separate(names, by_truth, undecided.share, progress)
 
 
-def by_experience(names: Sequence[str], given: Given) -> NextExperiment:
+def by_experience(names: Sequence[str], given: Given) -> Entry:
     """A proposal without figures, where no rival has a fit that could be simulated."""
     trace = same_trace(names)
     if not given.is_jumps:
-        return NextExperiment(f"{trace}log faster and slower motions, and diagnose all logs together.", tuple(names))
+        return entry_of(f"{trace}log faster and slower motions, and diagnose all logs together.", names)
     jump = other_jumps(given)
     sentence = f"{trace}{jump.words}, and diagnose all logs together."
-    return NextExperiment(sentence, tuple(names), jump)
+    return entry_of(sentence, names, jump)
 
 
 def forecasts_of(forecaster: Forecaster, progress: Callable[[str], None]) -> list[Forecast]:
@@ -99,7 +98,7 @@ def forecasts_of(forecaster: Forecaster, progress: Callable[[str], None]) -> lis
 
 def separate(
     names: Sequence[str], by_truth: Sequence[Forecaster], rival_share: float, progress: Callable[[str], None]
-) -> NextExperiment:
+) -> Entry:
     """The experiment that tells the open causes apart, whichever is true, or the statement that none does.
 
     All experiments are foretold for the answer's robot, and whole logs are made of those that tell the causes apart
@@ -114,11 +113,11 @@ def separate(
     closes = {one.experiment: answer.closes(one.experiment) for one in telling}
     shown = [one for one in telling if closes[one.experiment] >= answer.least_closed]
     best = best_for_all_truths(shown, closes, max(ENOUGH, LEAST_TIMES * least), others)
-    tried = tuple(
+    tried = [
         {"experiment": one.experiment.short, "least_loss": one.least}
         | ({"closes": closes[one.experiment]} if one.experiment in closes else {})
         for one in found
-    )
+    ]
     if best is None or not tells_apart(best, least, rival_share):
         hidden = len(telling) - len(shown)
         but = f"; {hidden} would in short segments, but whole logs of such motions hide the cause" if hidden else ""
@@ -126,7 +125,7 @@ def separate(
             f"{same_trace(names)}none of {len(found)} simulated experiments separates them beyond noise and the "
             f"tolerances of the model{but}."
         )
-        return NextExperiment(sentence, tuple(names), tried=tried)
+        return entry_of(sentence, names, tried=tried)
     return proposal_of(names, best, today, tried)
 
 
@@ -152,9 +151,7 @@ def best_for_all_truths(
     return best
 
 
-def proposal_of(
-    names: Sequence[str], best: Forecast, today: Forecast | None, tried: tuple[Mapping[str, Any], ...]
-) -> NextExperiment:
+def proposal_of(names: Sequence[str], best: Forecast, today: Forecast | None, tried: Sequence[Entry]) -> Entry:
     """The proposal of an experiment, with what it would show beside today's logs."""
     expected = expected_of(best, today)
     worst = min(expected, key=lambda one: float(one["loss"]))
@@ -166,7 +163,7 @@ def proposal_of(
         f"{same_trace(names)}{best.experiment.words}{times}, and diagnose all logs together. {differ} in "
         f"{worst['channel']}{was}."
     )
-    return NextExperiment(sentence, tuple(names), best.experiment, repeats, expected, tried)
+    return entry_of(sentence, names, best.experiment, repeats, expected, tried)
 
 
 def same_trace(names: Sequence[str]) -> str:
@@ -204,7 +201,7 @@ def with_other_truths(forecast: Forecast, others: Sequence[Forecaster]) -> Forec
     return replace(forecast, separations=(*forecast.separations, *more))
 
 
-def expected_of(best: Forecast, today: Forecast | None) -> tuple[dict[str, Any], ...]:
+def expected_of(best: Forecast, today: Forecast | None) -> list[Entry]:
     """Each rival's smallest separation in an experiment beside today's."""
 
     def smallest(of: Forecast | None) -> dict[str, Separation]:
@@ -213,7 +210,7 @@ def expected_of(best: Forecast, today: Forecast | None) -> tuple[dict[str, Any],
         return {one.rival if one.rival != first else one.truth: one for one in by_size}
 
     before = smallest(today)
-    return tuple(
+    return [
         {
             "rival": name,
             "channel": one.channel,
@@ -223,10 +220,10 @@ def expected_of(best: Forecast, today: Forecast | None) -> tuple[dict[str, Any],
             "loss_today": before[name].loss if name in before else None,
         }
         for name, one in sorted(smallest(best).items())
-    )
+    ]
 
 
-def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> NextExperiment | None:
+def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> Entry | None:
     """The experiment that shrinks the interval of the least sure number of the answer most; None where all are sure."""
     answer = forecaster.answer
     spread = answer.spread()
@@ -248,7 +245,7 @@ def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> NextExpe
         f"The least sure number is {parameter.name} of {name}, {value}: "
         f"{best.experiment.words}. That should leave ± {best.spread[which]:.2g}{unit}."
     )
-    tried = tuple({"experiment": one.experiment.short, "spread": float(one.spread[which])} for one in found)
+    tried = [{"experiment": one.experiment.short, "spread": float(one.spread[which])} for one in found]
     now, then = float(spread[which]), float(best.spread[which])
-    expected = ({"number": f"{name}.{parameter.name}", "spread": then, "spread_today": now},)
-    return NextExperiment(sentence, (), best.experiment, 1, expected, tried)
+    expected = [{"number": f"{name}.{parameter.name}", "spread": then, "spread_today": now}]
+    return entry_of(sentence, (), best.experiment, 1, expected, tried)
