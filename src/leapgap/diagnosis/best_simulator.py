@@ -34,6 +34,14 @@ USUAL_SPREAD = 1.0
 """Least standard deviation beforehand by which the interval of a number is told: however much a fit distrusts
 departures, so much was possible."""
 FREE_SPREAD = 3.0  # Standard deviation beforehand of a number that may depart far, in moderate departures
+HANDICAPS = (1.0, 1.02, 1.04)
+"""Factors on the squares of the answer, of fits of all effects and of fits in parts: more numbers must help more."""
+LEAST_BETTER = 0.01  # A fit of all effects must close more of the gap of held-out logs than the answer by this share
+WORTH_A_STEP = 0.05  # All effects are fitted again where the best fit leaves a larger share of the gap
+LEAST_INFORMED = 0.5
+"""The logs hardly determine a number of whose standard deviation beforehand they leave a larger share."""
+ALIKE = 0.9  # Correlation from which on two numbers do the same to the logs
+MADE_UP = 0.95  # Multiple correlation from which on other numbers together do the same as one
 
 
 @dataclass(frozen=True)
@@ -161,14 +169,6 @@ JOINT = (Weighting(0.1, False), Weighting(1.0, False), Weighting(0.3, True), Wei
 """Weightings of fits of all effects about the answer."""
 IN_PARTS = (Weighting(0.1, False), Weighting(0.5, False))
 """Weightings of fits of effects at parts of the robot about the best of those."""
-HANDICAPS = (1.0, 1.02, 1.04)
-"""Factors on the squares of the answer, of fits of all effects and of fits in parts: more numbers must help more."""
-LEAST_BETTER = 0.01  # A fit of all effects must close more of the gap of held-out logs than the answer by this share
-WORTH_A_STEP = 0.05  # All effects are fitted again where the best fit leaves a larger share of the gap
-LEAST_INFORMED = 0.5
-"""The logs hardly determine a number of whose standard deviation beforehand they leave a larger share."""
-ALIKE = 0.9  # Correlation from which on two numbers do the same to the logs
-MADE_UP = 0.95  # Multiple correlation from which on other numbers together do the same as one
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,9 @@ from leapgap.robot.model import Robot
 SURE = 0.99  # Probability that a difference is no chance of logs that differ among themselves
 LEAST = 1e-9  # Share of a difference that acts before, where it needs further parts of the model
 SHARE = 3.0  # Prior standard deviation of the share of a difference that acts in a log
+BEFORE, AFTER = "before", "after"
+MODEL_ERROR = 0.08  # Relative error of a difference because the simulation differs from the robot, in its interval
+SHOWN = 8  # Number of smallest changes that are reported
 
 
 @dataclass(frozen=True)
@@ -235,11 +238,6 @@ def stands_out(before: np.ndarray, after: np.ndarray) -> bool:
 def differences(found: Found) -> list[int]:
     """Indices of the members of a set that are differences."""
     return [m for m, h in enumerate(found.members) if isinstance(h, Difference)]
-
-
-BEFORE, AFTER = "before", "after"
-MODEL_ERROR = 0.08  # Relative error of a difference because the simulation differs from the robot, in its interval
-SHOWN = 8  # Number of smallest changes that are reported
 
 
 @dataclass(frozen=True)

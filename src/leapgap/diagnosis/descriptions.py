@@ -16,6 +16,8 @@ from leapgap.effects.base import Effect, recompute_constants
 from leapgap.errors import InputError
 from leapgap.robot.model import Robot
 
+OPTIONS = ("integrator", "cone", "impratio")  # Options of the model that make up the part ``simulation``
+
 
 def own_bodies(robot: Robot) -> np.ndarray:
     """The base, where it floats, and the links that joints move, (bodies,)."""
@@ -37,7 +39,6 @@ PARTS: dict[str, tuple[tuple[Places, tuple[str, ...]], ...]] = {
     "simulation": (),
 }
 """Fields of the model that make up each part, by the places that they belong to."""
-OPTIONS = ("integrator", "cone", "impratio")  # Options of the model that make up the part ``simulation``
 
 
 @dataclass(frozen=True)

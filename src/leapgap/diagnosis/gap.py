@@ -28,6 +28,13 @@ from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 
+LEAST_ABOVE = 0.05  # Smallest gap above the noise floor, as a share of the floor, of which a reduction can be stated
+SIGMAS = 1.96  # Half width of a 95 % interval in standard deviations
+DIVERGED_ERROR = 100.0  # Error assigned to diverged (non-finite) rollouts, and the bound of all scaled errors
+EXACT = 0.25  # Share of the own steps' length by which replays are nearly exact
+STABLE = 0.7
+"""A horizon is stable where a right answer would close this share of the gap, by the noise of its own replays."""
+
 
 def noise_floor(
     judged: JudgedLogs,
@@ -73,11 +80,6 @@ def noisy_replays(
         by[:, entries] = sigma * share[:, None]
         steps.append(by * rng.standard_normal(by.shape))
     return replayer.motions(trials, steps)
-
-
-LEAST_ABOVE = 0.05  # Smallest gap above the noise floor, as a share of the floor, of which a reduction can be stated
-
-SIGMAS = 1.96  # Half width of a 95 % interval in standard deviations
 
 
 @dataclass(frozen=True)
@@ -133,12 +135,6 @@ def closure(
 
     sample = [of(chosen) for chosen in draws]
     return Interval(of(np.arange(len(counts))), float(np.percentile(sample, 2.5)), float(np.percentile(sample, 97.5)))
-
-
-DIVERGED_ERROR = 100.0  # Error assigned to diverged (non-finite) rollouts, and the bound of all scaled errors
-EXACT = 0.25  # Share of the own steps' length by which replays are nearly exact
-STABLE = 0.7
-"""A horizon is stable where a right answer would close this share of the gap, by the noise of its own replays."""
 
 
 def scaled_errors(

@@ -21,6 +21,8 @@ from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout, Starts
 
 StartNoise = np.ndarray  # Small steps of each start in the tangent of its state, (starts, 2 nv)
+HORIZONS_S = (0.1, 0.3, 1.0)  # Horizons at which errors are told, beside whole logs
+INFORMATIVE = 0.5  # A replay is informative while its error is below this share of that of a robot that does not move
 
 
 @dataclass(frozen=True)
@@ -88,10 +90,6 @@ def restarts(length: int, rows: int) -> list[int]:
 def replayer_at(replayer: Replayer, horizon_s: float | None) -> Replayer | RestartedReplayer:
     """A replayer of whole logs, or one that restarts."""
     return replayer if horizon_s is None else RestartedReplayer(replayer, horizon_s)
-
-
-HORIZONS_S = (0.1, 0.3, 1.0)  # Horizons at which errors are told, beside whole logs
-INFORMATIVE = 0.5  # A replay is informative while its error is below this share of that of a robot that does not move
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,6 @@ from leapgap.errors import InputError
 
 DAMPINGS = (0.02, 0.2, 1.0, 5.0)  # Levenberg–Marquardt dampings that are tried at each step, as shares of the curvature
 SETTLED = 5.0  # A fit has converged when the logarithm of its likelihood rises by less than this
-
 REPLAYED = 4  # So many effects, those that matter least by the curvature, are taken away in turn by replays
 KNOWN = 0.5  # Pieces tell a number where its spread after them is a smaller share of the one before
 

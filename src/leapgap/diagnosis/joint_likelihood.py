@@ -17,6 +17,8 @@ INDEPENDENT_S = 0.2  # Errors of whole replays at one instant say little more th
 ALIKE = 3  # A robot that has drifted off has done so in all channels: of so many values at an instant one counts
 PIECE_VALUES = 6  # A short piece counts as so many independent values
 USUAL = 1.0  # A usual χ² of a piece over its number of values: below it pieces count alike
+LOGS_AT_ONCE = 64  # Whole replays whose motions are in memory at once
+DIFFERENCE = 0.1  # Step of finite differences, as a share of the scale of a number
 
 
 @dataclass(frozen=True)
@@ -37,10 +39,6 @@ def difference(moved: Sequence[np.ndarray], start: np.ndarray, share: np.ndarray
     """Finite differences by several numbers, (…, numbers), scaled by ``share`` (numbers,)."""
     found = [(one - start) * s for one, s in zip(moved, share, strict=True)]
     return np.stack(found, axis=-1) if found else np.zeros((*start.shape, 0))
-
-
-LOGS_AT_ONCE = 64  # Whole replays whose motions are in memory at once
-DIFFERENCE = 0.1  # Step of finite differences, as a share of the scale of a number
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,12 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 
+SUPPORTED, ANOTHER, UNSUPPORTED, UNTOLD = "supported", "another number", "not supported", "undecided"
+MODEL_ERROR = 0.1  # Standard deviation of a share that no logs make smaller: simulations differ from robots
+SURE = 3.0  # Standard deviations by which a share differs from 0 and from 1
+MADE_UP = 2.0  # A change compensates for an effect without which it is worth this many times more
+CLOSELY = 3  # Number of further effects that are replayed in each round
+
 
 @dataclass(frozen=True)
 class AtHorizon:
@@ -78,13 +84,6 @@ class RefereedLogs:
         shares = left / max(left.sum(), 1e-300)
         order = np.argsort(-shares, kind="stable")
         return {judged.channels[k].name: float(shares[k]) for k in order}, tuple(rows)
-
-
-SUPPORTED, ANOTHER, UNSUPPORTED, UNTOLD = "supported", "another number", "not supported", "undecided"
-MODEL_ERROR = 0.1  # Standard deviation of a share that no logs make smaller: simulations differ from robots
-SURE = 3.0  # Standard deviations by which a share differs from 0 and from 1
-MADE_UP = 2.0  # A change compensates for an effect without which it is worth this many times more
-CLOSELY = 3  # Number of further effects that are replayed in each round
 
 
 @dataclass(frozen=True)

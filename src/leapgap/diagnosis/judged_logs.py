@@ -29,6 +29,10 @@ from leapgap.simulation.rollout import Rollout
 
 LEAST_SHARE, MOST_SHARE = 0.5, 2.0
 """Over a log an accelerometer measures gravity on average, and feet bear the weight; within these factors."""
+GAIN_CHANGE_MARGIN_S = 0.010
+"""Time left out before a change of gains, which reaches the motors at an unknown instant near its row."""
+SURELY_IN_FLIGHT = 1 / 3  # After this share of the planned flight no foot can still be at the ground from before
+TOUCHING_M = 0.005  # Largest height of a sole above the ground that counts as touching
 
 
 @dataclass(frozen=True)
@@ -80,12 +84,6 @@ def force_doubt(logs: Sequence[Log], robot: Robot) -> str | None:
     if LEAST_SHARE < borne < MOST_SHARE:
         return None
     return f"the feet bear {borne:.2g} of the robot's weight: the unit is not N, or something else bears it"
-
-
-GAIN_CHANGE_MARGIN_S = 0.010
-"""Time left out before a change of gains, which reaches the motors at an unknown instant near its row."""
-SURELY_IN_FLIGHT = 1 / 3  # After this share of the planned flight no foot can still be at the ground from before
-TOUCHING_M = 0.005  # Largest height of a sole above the ground that counts as touching
 
 
 def headline_rows(log: Log, robot: Robot) -> int:

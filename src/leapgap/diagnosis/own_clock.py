@@ -17,6 +17,7 @@ from leapgap.logs.row_clock import with_clock
 from leapgap.robot.model import Robot
 
 AT_END = "a fitted number is at the end of its range: another cause may act in its place"
+STEPS = 2  # Largest number of steps of the fit without evidence, from the answer's numbers on
 
 
 @dataclass(frozen=True)
@@ -96,9 +97,6 @@ def own_clock(judged: JudgedLogs, checks: Sequence[CheckResult], sizes: Mapping[
     weights = tuple(before / after for before, after in zip(judged.rows, rows, strict=True))
     own = replace(own, channels=judged.channels, mapped=judged.mapped, row_weights=weights)
     return OwnClock(own, result.clocks or {}, judged.robot)
-
-
-STEPS = 2  # Largest number of steps of the fit without evidence, from the answer's numbers on
 
 
 def closures_by_source(joint: JointFit, answer: Candidate) -> dict[str, Interval]:

@@ -22,6 +22,7 @@ from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 
 TOOLS = ("leapgap", "mujoco", "numpy")
+FORMAT_VERSION = 1
 
 
 @dataclass(frozen=True)
@@ -57,9 +58,6 @@ def installed_version(package: str) -> str:
         return version(package)
     except PackageNotFoundError:
         return "not installed"
-
-
-FORMAT_VERSION = 1
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,15 @@ CLAIMED = (1.0,)  # The clock of a log that is too short or too still to have on
 RESOLVED_S = 0.002  # Up to this period velocities between rows are taken as straight lines, at longer ones as splines
 SURE = 3.0  # A clock is another than the claimed one from so many standard deviations on of what the columns resolve
 SPAN_S = 0.02  # Increments of position are compared with summed velocities over this time
+SHRUNK = 3.0
+"""Stiffness over inertia of a joint over what the change of its velocity over a row shows of it, at most: 2.6 in a
+simulated arm that goes half of the way to its set points within a row."""
+LOCAL_S = 0.02  # Half width, standard deviation, of the window of a local clock
+LOCAL_REACH = 8.0  # That window ends after so many standard deviations
+LOCAL_PRIOR = 0.05  # Weight of the log's mean clock in a local one, as a share of what a window says on average
+LOCAL_EVERY_S = 0.02  # A local clock has one value for each stretch of this length
+PAIRS = (("base_pos_x", "base_linvel_x"), ("base_pos_z", "base_linvel_z"))
+"""Positions and the velocities that they are the integrals of."""
 
 
 def clock_scale(
@@ -106,14 +115,6 @@ def of_joints(
     return {log.name: clock(log, *(log.per_joint(of, joints) for of in ("joint_pos", "joint_vel"))) for log in logs}
 
 
-SHRUNK = 3.0
-"""Stiffness over inertia of a joint over what the change of its velocity over a row shows of it, at most: 2.6 in a
-simulated arm that goes half of the way to its set points within a row."""
-LOCAL_S = 0.02  # Half width, standard deviation, of the window of a local clock
-LOCAL_REACH = 8.0  # That window ends after so many standard deviations
-LOCAL_PRIOR = 0.05  # Weight of the log's mean clock in a local one, as a share of what a window says on average
-
-
 @dataclass(frozen=True)
 class LocalClock:
     """A clock as it changes within a log."""
@@ -164,9 +165,6 @@ def local_clock(
     between = values - ratio(lines)
     error = np.sqrt(np.mean((of_positions + of_ticks + of_noise) / weight**2) + np.var(between))
     return LocalClock(values, float(error))
-
-
-LOCAL_EVERY_S = 0.02  # A local clock has one value for each stretch of this length
 
 
 def local_clocks(logs: Sequence[Log], robot: Robot | None = None) -> dict[str, LocalClock] | None:
@@ -294,10 +292,6 @@ class JointClock(Check):
         result = judge_clocks(self.name, "the joints", clocks, threshold)
         scales = {name: CLAIMED if own.scale is None else (own.scale,) for name, own in clocks.items()}
         return result and replace(result, clocks=scales)
-
-
-PAIRS = (("base_pos_x", "base_linvel_x"), ("base_pos_z", "base_linvel_z"))
-"""Positions and the velocities that they are the integrals of."""
 
 
 class BaseClock(Check):

@@ -16,6 +16,9 @@ GRAVITY = 9.81  # Of a model for which the check speaks of g, m/s²
 SHORTEST_FALL_S = 0.05  # A shorter stretch of flight does not say how the robot falls
 MARGIN_S = 0.03
 """So much at both ends of a flight is left out: a foot that is a little above the ground may still touch it."""
+PLANTED_EVERY_S = 0.005  # Planted feet are looked at so often
+PLANTED_SHARE = 0.8  # Of the longest time in which all feet stand: at its end some may slip before they leave
+SHORTEST_STANCE_S = 0.1  # A shorter stance does not say whether feet stay
 
 
 class FreeFall(Check):
@@ -51,11 +54,6 @@ class FreeFall(Check):
             "times the claimed period"
         )
         return CheckResult(self.name, passed, abs(statistic), threshold, says, falls)
-
-
-PLANTED_EVERY_S = 0.005  # Planted feet are looked at so often
-PLANTED_SHARE = 0.8  # Of the longest time in which all feet stand: at its end some may slip before they leave
-SHORTEST_STANCE_S = 0.1  # A shorter stance does not say whether feet stay
 
 
 class PlantedFeet(Check):

@@ -20,6 +20,9 @@ NEAR_ROWS = 3
 ONE_MOTION, OTHER = 0.9, 5.0
 """Correlation of set points with the integral of their velocities from which on they are of one motion, and ratio from
 which on they have two units."""
+HOLDS, SHORTEST_S = 6, 0.2  # Pieces last so many holds, and so long at least
+FEWEST = 3  # Fewer pieces tell nothing
+SURE = 3.0  # Standard errors by which set points stand, or do not
 
 
 class SetPoints(Check):
@@ -89,11 +92,6 @@ def is_copy(log: Log, point: str, position: str) -> bool:
     rows = range(-NEAR_ROWS, NEAR_ROWS + 1)
     off = [wanted[inner] - measured[NEAR_ROWS + row : len(log) - NEAR_ROWS + row] for row in rows]
     return min(float(np.sqrt(np.mean(of**2))) for of in off) < max(SAME * spread, noise / 2)
-
-
-HOLDS, SHORTEST_S = 6, 0.2  # Pieces last so many holds, and so long at least
-FEWEST = 3  # Fewer pieces tell nothing
-SURE = 3.0  # Standard errors by which set points stand, or do not
 
 
 class HeldSetPoints(Check):

@@ -19,6 +19,15 @@ MOST_ORDERS = 4  # Up to so many joints every order of them is one
 MOST_PAIRS = 7  # Up to so many joints every two may be exchanged, else neighbours, and what is alike in two limbs
 FOUR = 4  # Limbs that may be exchanged in pairs
 LARGEST_ANGLE = 4.0  # A column in which nothing is larger is in no other unit than rad
+PIECES, LENGTH_S, ROWS = 12, 0.05, 4  # Pieces of all logs together; they last so long and have so many rows at least
+SEEN = 5.0  # A joint tells something where it departs from even motion by so many standard deviations of its noise
+STILL = 1e-9  # A joint that departs from even motion by less, rad or m, counts as if it did by that
+UNEXPLAINED = 0.9
+"""A joint is in doubt where replays miss so much of its departure from even motion, in the median of the logs: with
+columns of something else they miss all of it or more."""
+FIRST_LOOK = 4  # Readings are tried on so many of the pieces first, and on all where these speak for one
+MOST_READINGS = 4  # So many readings may hold together
+AS_GOOD = 0.8  # Another reading is a rival where it makes the gap so many times as much smaller as the best
 
 
 @dataclass(frozen=True)
@@ -181,17 +190,6 @@ def exchange(source: Mapping[str, str], quantities: Sequence[str]) -> Callable[[
         return replace(log, columns={**log.columns, **moved})
 
     return read
-
-
-PIECES, LENGTH_S, ROWS = 12, 0.05, 4  # Pieces of all logs together; they last so long and have so many rows at least
-SEEN = 5.0  # A joint tells something where it departs from even motion by so many standard deviations of its noise
-STILL = 1e-9  # A joint that departs from even motion by less, rad or m, counts as if it did by that
-UNEXPLAINED = 0.9
-"""A joint is in doubt where replays miss so much of its departure from even motion, in the median of the logs: with
-columns of something else they miss all of it or more."""
-FIRST_LOOK = 4  # Readings are tried on so many of the pieces first, and on all where these speak for one
-MOST_READINGS = 4  # So many readings may hold together
-AS_GOOD = 0.8  # Another reading is a rival where it makes the gap so many times as much smaller as the best
 
 
 @dataclass(frozen=True)

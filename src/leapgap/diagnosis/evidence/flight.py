@@ -16,6 +16,10 @@ from leapgap.robot.model import Robot
 SHORTEST_S = 0.15  # A shorter flight turns the robot too little to tell where its centre of mass is
 MARGIN_S = 0.02  # So much at both ends of a flight is left out: a foot may still touch
 STRAIGHT_M = 0.001  # A flight in which the centre of mass leaves its parabola by more, rms, had a contact
+RATES = ("base_angvel_x", "base_angvel_y", "base_angvel_z")
+EXPLAINED = 0.5
+"""The trunk's own part has to explain so large a share of how the angular momentum of the others changes."""
+TOLD = 0.15  # The scale of the inertia is told where it scatters by less over the logs
 
 
 class Flight(Source):
@@ -104,12 +108,6 @@ def fit_flight(log: Log, robot: Robot, kept: np.ndarray) -> np.ndarray | None:
     found[free], *_ = np.linalg.lstsq(matrix[:, free], right, rcond=None)
     straight = np.sqrt(np.mean((right - matrix @ found) ** 2)) < STRAIGHT_M
     return found[4:] if straight else None
-
-
-RATES = ("base_angvel_x", "base_angvel_y", "base_angvel_z")
-EXPLAINED = 0.5
-"""The trunk's own part has to explain so large a share of how the angular momentum of the others changes."""
-TOLD = 0.15  # The scale of the inertia is told where it scatters by less over the logs
 
 
 class AngularMomentum(Source):

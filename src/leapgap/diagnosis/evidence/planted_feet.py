@@ -24,6 +24,10 @@ BELIEVED = 0.3
 
 
 CALIBRATED = 0.03  # Standard deviation of the scale of force sensors, by which their weight only leads a fit
+MARGIN_S = 0.02  # So much at both ends of a stance is left out
+FLAT_M = 0.003  # A foot whose height scatters by more, standard deviation, does not stand, whatever its force says
+TOLD = 0.01  # A parameter is told where its scatter over resampled logs is below this, m
+DRAWS = 200  # Number of times that logs are drawn anew, with repetition, to see how far their answer scatters
 
 
 class Standing(Source):
@@ -69,12 +73,6 @@ def mass_borne(log: Log, robot: Robot) -> float | None:
         return None
     of_rows = np.concatenate([force[run].sum(axis=1) for run in long_enough])
     return float(np.median(of_rows)) / float(np.linalg.norm(gravity_of(robot.model)))
-
-
-MARGIN_S = 0.02  # So much at both ends of a stance is left out
-FLAT_M = 0.003  # A foot whose height scatters by more, standard deviation, does not stand, whatever its force says
-TOLD = 0.01  # A parameter is told where its scatter over resampled logs is below this, m
-DRAWS = 200  # Number of times that logs are drawn anew, with repetition, to see how far their answer scatters
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,20 @@ from leapgap.diagnosis.evidence.base import NORMAL_MEDIAN
 
 CONSTRAINTS = ("CONTACT", "LIMIT", "FRICTIONLOSS", "EQUALITY")
 """Parts of a model without which its inverse dynamics is smooth in the motion."""
+LIGHT_KG = 1e-6  # A lighter body has no mass that could be wrong
+STILL = 0.1  # A joint slower than this, rad/s or m/s, may stick: friction holds it with any torque up to its own
+INDEPENDENT = 0.1  # Share of the instants that count as independent beside what is believed of the model
+HUBER, BISQUARE = 1.5, 4.7
+"""Limits of the robust weights, in standard deviations: Huber's in the first steps, then those of Tukey's bisquare."""
+HUBER_STEPS, STEPS = 8, 20
+MOST_VALUES = 8000  # About the largest number of torques that departures are fitted to
+MASS, CENTRE_M, INERTIA = 0.3, 0.04, 0.6
+"""Believed departures of a body's mass and inertia, as shares, and of its centre of mass, standard deviations."""
+OFFSET, VISCOUS, DRY, DRAG, ARMATURE, LATE_S = 0.5, 0.5, 0.5, 0.1, 0.1, 0.015
+"""Those of a joint: a constant torque, N·m; friction by speed, N·m·s/rad; dry friction, N·m; drag by the square of the
+speed; inertia, kg·m²; and the delay of its torque."""
+BODY_NUMBERS, JOINT_KINDS, DRY_KIND = 7, 6, 2
+"""Number of departures of a body and of a joint, and which of the latter is dry friction."""
 
 
 @dataclass(frozen=True)
@@ -49,22 +63,6 @@ def inverse_dynamics(model: mujoco.MjModel, motion: Instants) -> np.ndarray:
         mujoco.mj_inverse(model, data)
         found[k] = data.qfrc_inverse
     return found
-
-
-LIGHT_KG = 1e-6  # A lighter body has no mass that could be wrong
-STILL = 0.1  # A joint slower than this, rad/s or m/s, may stick: friction holds it with any torque up to its own
-INDEPENDENT = 0.1  # Share of the instants that count as independent beside what is believed of the model
-HUBER, BISQUARE = 1.5, 4.7
-"""Limits of the robust weights, in standard deviations: Huber's in the first steps, then those of Tukey's bisquare."""
-HUBER_STEPS, STEPS = 8, 20
-MOST_VALUES = 8000  # About the largest number of torques that departures are fitted to
-MASS, CENTRE_M, INERTIA = 0.3, 0.04, 0.6
-"""Believed departures of a body's mass and inertia, as shares, and of its centre of mass, standard deviations."""
-OFFSET, VISCOUS, DRY, DRAG, ARMATURE, LATE_S = 0.5, 0.5, 0.5, 0.1, 0.1, 0.015
-"""Those of a joint: a constant torque, N·m; friction by speed, N·m·s/rad; dry friction, N·m; drag by the square of the
-speed; inertia, kg·m²; and the delay of its torque."""
-BODY_NUMBERS, JOINT_KINDS, DRY_KIND = 7, 6, 2
-"""Number of departures of a body and of a joint, and which of the latter is dry friction."""
 
 
 @dataclass(frozen=True)

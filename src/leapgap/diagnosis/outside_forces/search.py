@@ -27,6 +27,8 @@ SHORTEST_S, LEAST_ROWS = 0.3, 50  # In a shorter log, or in one of fewer rows, n
 MARGIN_S = 0.03  # A force may act so much longer, before and after, than its moment shows
 MODEL_ERROR = 0.1
 """Standard deviation of an impulse because masses and contacts of the model are wrong, as a share of it."""
+EXPLAINED = 0.5
+"""A force is explained where the answer leaves a smaller share of the nominal robot's error of velocity there."""
 
 
 @dataclass(frozen=True)
@@ -139,10 +141,6 @@ def parts_without(log: Log, forces: Sequence[OutsideForce], least_s: float) -> l
     if is_jump(log):
         return [log.first_rows(end) for begin, end in whole if begin == 0]
     return [rows_between(log, begin, end, f"{log.name}_from_{log.time[begin]:.2f}_s") for begin, end in whole]
-
-
-EXPLAINED = 0.5
-"""A force is explained where the answer leaves a smaller share of the nominal robot's error of velocity there."""
 
 
 def unexplained(
