@@ -144,18 +144,19 @@ def changes_of(model: mujoco.MjModel, motion: Instants, needed: np.ndarray) -> n
 
 
 def changed_bodies(model: mujoco.MjModel) -> Iterator[mujoco.MjModel]:
-    """Models with one number of one body changed by a believed standard deviation."""
+    """The model with one number of one body after another changed by a believed standard deviation, in one copy."""
+    other, data = model.__copy__(), mujoco.MjData(model)
     for body in heavy_bodies(model):
         changes: list[tuple[str, Any, float, float]] = [("body_mass", body, 1 + MASS, 0.0)]
         for axis in range(3):
             at = body, axis
             changes += [("body_ipos", at, 1.0, CENTRE_M), ("body_inertia", at, 1 + INERTIA, 0.0)]
         for name, at, factor, added in changes:
-            other = model.__copy__()
-            values = getattr(other, name)
-            values[at] = factor * values[at] + added
-            mujoco.mj_setConst(other, mujoco.MjData(other))
+            values, before = getattr(other, name), getattr(model, name)[at]
+            values[at] = factor * before + added
+            mujoco.mj_setConst(other, data)
             yield other
+            values[at] = before
 
 
 def heavy_bodies(model: mujoco.MjModel) -> list[int]:
