@@ -157,7 +157,7 @@ def test_a_robot_with_nothing_wrong_keeps_its_nominal_numbers(robot: Robot) -> N
 def test_a_fit_of_all_effects_to_a_robot_with_nothing_wrong_has_nominal_in_its_intervals(robot: Robot) -> None:
     gap = heldout_gap(noisy_logs(robot.path, lambda _: None), robot)
     hypotheses = list_hypotheses(KINDS, robot, None)
-    fit = BestFit(gap, short_rollouts(gap, robot), NOMINAL, hypotheses, model_error=0.03)
+    fit = BestFit(gap, lambda: short_rollouts(gap, robot), NOMINAL, hypotheses, model_error=0.03)
     at = fit.linearised(fit.at_all_places(), whole=True)
     fits = LinearFits(at.about, fit.linear_model(at, lambda _: False), np.zeros(fit.shape(at)))
     numbers = fit.judged(fits.candidate(Weighting(1.0, True)), np.zeros(len(KINDS)))
@@ -177,7 +177,7 @@ def test_where_a_joint_fit_has_ended_no_other_is_made(robot: Robot, monkeypatch:
     joint.fit(every, joint.numbers(every).centre, 3)
     assert [end.about.hypotheses for end in joint.ends] == [every]
     nothing = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0)))
-    fit = BestFit(gap, short, nothing, hypotheses, 0.03, joint.told, joint.ends[0])
+    fit = BestFit(gap, lambda: short, nothing, hypotheses, 0.03, joint.told, joint.ends[0])
     monkeypatch.delattr(BestFit, "linearised")
     best = fit.search()
     assert best.source == "joint fit" and best.closure_of_answer == pytest.approx(0.0)

@@ -8,6 +8,7 @@ other and for what the model lacks, so each of them says whether to believe it.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -253,7 +254,7 @@ class BestFit:
     """Fits all effects together about an answer, and keeps what replays held-out logs best."""
 
     heldout_gap: HeldOutGap
-    short: ShortRollouts
+    pieces: Callable[[], ShortRollouts]  # Short pieces of the logs; nobody asks where nothing is fitted
     answer: Candidate
     hypotheses: Sequence[Hypothesis]
     model_error: float  # As in ``Settings``
@@ -283,6 +284,11 @@ class BestFit:
             model = self.linear_model(again, lambda _: False)
             fits += candidates_of(LinearFits(again.about, model, expected), IN_PARTS, HANDICAPS[2])
         return self.best(fits)
+
+    @cached_property
+    def short(self) -> ShortRollouts:
+        """The short pieces of the logs."""
+        return self.pieces()
 
     def is_named(self, hypothesis: Hypothesis) -> bool:
         """Whether the answer names an effect that acts at the place of a hypothesis."""

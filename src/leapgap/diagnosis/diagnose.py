@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -274,7 +275,7 @@ def answer_by_own_clock(
     progress("step 3 of 4, fit of all effects and map of the error")
     best = BestFit(
         joint.heldout_gap,
-        joint.short,
+        lambda: joint.short,
         judgement.selected,
         hypotheses,
         settings.model_error,
@@ -325,13 +326,16 @@ def with_best_simulator(
     settings: Settings,
     progress: Callable[[str], None],
 ) -> FoundAnswer:
-    """An answer by evidence with a fit of all usual effects about it, where the settings ask for one."""
+    """An answer by evidence with a fit of all usual effects about it, where the settings ask for one.
+
+    None is made about a simulation that agrees with the logs as it is.
+    """
     if not settings.best:
         return answer
     usual = list_hypotheses(kinds, ready.judged.robot, clock_of(ready.checks))
-    selected, gap = answer.judgement.selected, answer.heldout_gap
-    fit = BestFit(gap, pieces_of(ready, settings), selected, usual, settings.model_error, progress=progress)
-    return replace(answer, best=fit.search())
+    judgement, pieces = answer.judgement, partial(pieces_of, ready, settings)
+    fit = BestFit(answer.heldout_gap, pieces, judgement.selected, usual, settings.model_error, progress=progress)
+    return replace(answer, best=fit.best([]) if judgement.conclusion.verdict == "none" else fit.search())
 
 
 def kinds_by_evidence(kinds: Sequence[type[Effect]], settings: Settings) -> list[type[Effect]]:
