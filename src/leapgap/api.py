@@ -11,7 +11,7 @@ from leapgap.diagnosis.checks import run_checks
 from leapgap.diagnosis.checks.base import CheckResult
 from leapgap.diagnosis.compare import Comparison, compare_logs
 from leapgap.diagnosis.judge import Judgement, change_of_effect, judge_correction
-from leapgap.diagnosis.provenance import Provenance, content_sha256
+from leapgap.diagnosis.report import Provenance, content_sha256
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
 from leapgap.effects.model_change import changes_between

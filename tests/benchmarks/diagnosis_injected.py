@@ -21,12 +21,10 @@ from omegaconf import OmegaConf
 
 from leapgap import effects
 from leapgap.diagnosis.checks import clock_of, run_checks
-from leapgap.diagnosis.closure import closure, resamples
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
-from leapgap.diagnosis.gap import candidate_squares
+from leapgap.diagnosis.gap import candidate_squares, closure, noise_floor, resamples
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
@@ -140,7 +138,7 @@ def realised_closure(found: Diagnosis, proof: Sequence[Log], robot: Robot, setti
     floor = noise_floor(judged, replayer, settings.noise_draws, np.random.default_rng(0))
     if nominal.sum() < DETECTABLE * floor.sum():
         return None
-    return closure(nominal, after, floor, judged, resamples(len(proof), 1, np.random.default_rng(0))).value
+    return closure(nominal, after, floor, judged.value_counts, resamples(len(proof), 1, np.random.default_rng(0))).value
 
 
 def judge(case: Case, small: bool = False) -> dict[str, Any]:

@@ -17,10 +17,8 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
-from leapgap.diagnosis.experiments import plans_of
-from leapgap.diagnosis.experiments.given import Given
-from leapgap.diagnosis.experiments.plans import planned
-from leapgap.diagnosis.experiments.sines import Sines
+from leapgap.diagnosis.experiment_plans import Given, planned
+from leapgap.diagnosis.experiments import LOG_S, plans_of, sine_plan
 from leapgap.diagnosis.hypotheses import places, usable
 from leapgap.diagnosis.report import round_floats
 from leapgap.diagnosis.settings import Settings
@@ -77,8 +75,9 @@ class OpenCase:
         given = Given((planned("hold", hold, start, info, robot),), robot)
         found = []
         for k in range(self.logs):
-            sines = Sines(self.joints, (self.amplitude,) * len(self.joints), self.frequency_hz)
-            plan = sines.plan(k, self.frequency_hz * (0.85 + 0.15 * k), given)
+            sizes, length_s = [self.amplitude] * len(self.joints), max(LOG_S, 1 / self.frequency_hz)
+            frequency_hz = self.frequency_hz * (0.85 + 0.15 * k)
+            plan = sine_plan(given, k, self.joints, sizes, frequency_hz, length_s)
             found.append(replace(plan.first_rows(round(self.length_s / self.period_s) + 1), name=f"log_{k}"))
         return found
 

@@ -25,13 +25,11 @@ from omegaconf import OmegaConf
 from leapgap import effects
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
 from leapgap.diagnosis.candidates import split_numbers
-from leapgap.diagnosis.closure import closure, resamples
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.experiment_nuisances import errors_of
-from leapgap.diagnosis.gap import candidate_squares, headline_gap
+from leapgap.diagnosis.experiment_forecast import errors_of
+from leapgap.diagnosis.gap import candidate_squares, closure, headline_gap, noise_floor, resamples
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.effects.base import Effect
@@ -104,7 +102,9 @@ def heldout(correction: Sequence[Effect], proof: Sequence[Log], robot: Robot, se
     judged, replayer = JudgedLogs.of(proof, robot), Replayer(robot)
     nominal, after = candidate_squares(judged, replayer, [[()] * len(proof), [tuple(correction)] * len(proof)])
     floor = noise_floor(judged, replayer, settings.noise_draws, np.random.default_rng(0))
-    closed = closure(nominal, after, floor, judged, resamples(len(proof), 1, np.random.default_rng(0))).value
+    closed = closure(
+        nominal, after, floor, judged.value_counts, resamples(len(proof), 1, np.random.default_rng(0))
+    ).value
     return {"gap_nominal": headline_gap(nominal, judged), "gap": headline_gap(after, judged), "closure": closed}
 
 

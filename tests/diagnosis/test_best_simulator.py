@@ -7,16 +7,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, chosen_without
+from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, LinearFits, LinearModel, Weighting, chosen_without
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.engine.search import Found, Search
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
-from leapgap.diagnosis.joint_likelihood import Numbers, bounded_minimum
-from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting
-from leapgap.diagnosis.log_errors import LogErrors
+from leapgap.diagnosis.joint_likelihood import LogErrors, Numbers, bounded_minimum
 from leapgap.diagnosis.settings import Settings
 from leapgap.reports.diagnosis import Report, diagnose_logs
 from leapgap.robot.model import Robot
@@ -159,7 +157,7 @@ def test_a_robot_with_nothing_wrong_keeps_its_nominal_numbers(robot: Robot) -> N
 def test_a_fit_of_all_effects_to_a_robot_with_nothing_wrong_has_nominal_in_its_intervals(robot: Robot) -> None:
     gap = heldout_gap(noisy_logs(robot.path, lambda _: None), robot)
     hypotheses = list_hypotheses(KINDS, robot, None)
-    fit = BestFit(gap, short_rollouts(gap, robot), NOMINAL, hypotheses, model_error=0.03)
+    fit = BestFit(gap, lambda: short_rollouts(gap, robot), NOMINAL, hypotheses, model_error=0.03)
     at = fit.linearised(fit.at_all_places(), whole=True)
     fits = LinearFits(at.about, fit.linear_model(at, lambda _: False), np.zeros(fit.shape(at)))
     numbers = fit.judged(fits.candidate(Weighting(1.0, True)), np.zeros(len(KINDS)))
@@ -179,7 +177,7 @@ def test_where_a_joint_fit_has_ended_no_other_is_made(robot: Robot, monkeypatch:
     joint.fit(every, joint.numbers(every).centre, 3)
     assert [end.about.hypotheses for end in joint.ends] == [every]
     nothing = Candidate((), np.zeros(0), np.zeros((0, 0)), np.zeros((4, 0)))
-    fit = BestFit(gap, short, nothing, hypotheses, 0.03, joint.told, joint.ends[0])
+    fit = BestFit(gap, lambda: short, nothing, hypotheses, 0.03, joint.told, joint.ends[0])
     monkeypatch.delattr(BestFit, "linearised")
     best = fit.search()
     assert best.source == "joint fit" and best.closure_of_answer == pytest.approx(0.0)

@@ -12,9 +12,9 @@ from scipy.stats import ttest_ind
 import leapgap as lg
 from leapgap import effects
 from leapgap.cli import main
+from leapgap.diagnosis.compare import Difference, PairedBench, PairedSearch, stands_out
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.paired_search import Difference, PairedBench, PairedSearch, stands_out
-from leapgap.diagnosis.refereed_logs import RefereedLogs
+from leapgap.diagnosis.judge import RefereedLogs
 from leapgap.diagnosis.settings import Settings
 from leapgap.logs.log import read_logs
 from leapgap.robot.model import Robot

@@ -9,9 +9,9 @@ from omegaconf import OmegaConf
 from leapgap import effects
 from leapgap.diagnosis.checks import clocks as local
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
-from leapgap.diagnosis.experiments.given import Given
+from leapgap.diagnosis.experiment_plans import Given
 from leapgap.diagnosis.next_experiment import by_experience
-from leapgap.diagnosis.provenance import Provenance
+from leapgap.diagnosis.report import Provenance
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.measurements import SamplePeriod
 from leapgap.errors import InputError
@@ -286,7 +286,7 @@ def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: 
 def test_the_next_experiment_is_one_that_can_be_run(robot: Robot, reference: Log) -> None:
     """More jumps to the logged distance, whose plan is known to be one that can be jumped, as settings of `collect`."""
     given = Given((reference,) * 4, robot)
-    asked = by_experience(("torque_gain", "leg_mass"), given).to_json()
+    asked = by_experience(("torque_gain", "leg_mass"), given)
     assert asked["settings"] == {"kind": "jumps"}
     assert asked["separates"] == ["torque_gain", "leg_mass"]
     section = OmegaConf.from_dotlist(asked["collect"]).collect

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.diagnosis.closure import resamples
 from leapgap.diagnosis.full_rollouts import Errors, FullRollouts, Slopes
-from leapgap.diagnosis.gap import HeldOutGap, candidate_squares
+from leapgap.diagnosis.gap import HeldOutGap, candidate_squares, resamples
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.logs.log import Log

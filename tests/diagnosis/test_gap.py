@@ -6,15 +6,12 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.channels import logged_channels, sensor_noise
-from leapgap.diagnosis.checks.base_clock import BaseClock
-from leapgap.diagnosis.checks.free_fall import FreeFall
-from leapgap.diagnosis.checks.joint_clock import JointClock
-from leapgap.diagnosis.checks.planted_feet import PlantedFeet
-from leapgap.diagnosis.gap import HeldOutGap, candidate_squares, headline_gap, scaled_error, scaled_errors
+from leapgap.diagnosis.checks.clocks import BaseClock, JointClock
+from leapgap.diagnosis.checks.planted_feet import FreeFall, PlantedFeet
+from leapgap.diagnosis.gap import HeldOutGap, candidate_squares, headline_gap, noise_floor, scaled_error, scaled_errors
+from leapgap.diagnosis.horizons import replayer_at
 from leapgap.diagnosis.judged_logs import JudgedLogs, headline_rows
 from leapgap.diagnosis.localisation import localise, phase_names, phase_of_rows
-from leapgap.diagnosis.noise_floor import noise_floor
-from leapgap.diagnosis.restarts import replayer_at
 from leapgap.logs.log import Log, LogInfo, read_logs
 from leapgap.logs.state import motion_of
 from leapgap.robot.model import Robot

@@ -13,9 +13,7 @@ from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit, JointFitSettings
-from leapgap.diagnosis.joint_likelihood import JointLikelihood
-from leapgap.diagnosis.joint_search import JointSearch
-from leapgap.diagnosis.log_errors import LogErrors
+from leapgap.diagnosis.joint_likelihood import JointLikelihood, LogErrors
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.robot.model import DEFAULT_MODEL, Robot
 from leapgap.robot.motion import Motion
@@ -37,7 +35,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, HeldOutGap, Sh
 
 def test_three_causes_at_once_are_found_with_their_numbers(arm: tuple[Robot, HeldOutGap, ShortRollouts]) -> None:
     robot, gap, short = arm
-    search = JointSearch(JointFit(gap, short, ()))
+    search = JointFit(gap, short, ())
     steps, probabilities = search.search(search.by_pieces(list_hypotheses(KINDS, robot, None)))
     fit = steps[-1]
     found = {name: float(number[0]) for name, number in zip(fit.names, fit.split(), strict=True)}
@@ -81,7 +79,7 @@ def test_what_evidence_tells_is_held_and_stays(arm: tuple[Robot, HeldOutGap, Sho
     robot, gap, short = arm
     told = Evidence("a test", "armature.inertia", 0.01, 0.0005, "kg·m²", {}, "said here")
     plan = JointFitSettings(first_steps=2, all_steps=2, steps=2)
-    search = JointSearch(JointFit(gap, short, (told,), plan))
+    search = JointFit(gap, short, (told,), plan)
     (*_, fit), _ = search.search(search.by_pieces(list_hypotheses(KINDS, robot, None)))
     at = fit.names.index("armature")
     assert fit.split()[at] == pytest.approx([0.01])
@@ -93,7 +91,7 @@ def test_what_evidence_tells_wrongly_goes(arm: tuple[Robot, HeldOutGap, ShortRol
     """Encoders that are off by 0.05 rad would move the arm elsewhere than held-out logs say."""
     robot, gap, short = arm
     told = Evidence("a test", "encoder_bias.bias_rad", 0.05, 0.001, "rad", {}, "said here")
-    search = JointSearch(JointFit(gap, short, (told,), JointFitSettings(first_steps=2, all_steps=2, steps=2)))
+    search = JointFit(gap, short, (told,), JointFitSettings(first_steps=2, all_steps=2, steps=2))
     (*_, fit), _ = search.search(search.by_pieces(list_hypotheses(KINDS, robot, None)))
     assert set(fit.names) == {"joint_damping", "joint_friction", "armature"}
 

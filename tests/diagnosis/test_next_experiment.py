@@ -1,7 +1,8 @@
 """Experiments that tell causes apart: a pendulum in space, whose motor gain and inertia only a known load separates."""
 
 import json
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,25 +10,27 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.candidates import Candidate
+from leapgap.diagnosis.candidates import Candidate, Rival
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.experiment_forecast import Forecast, Forecaster, Separation, largest_difference
-from leapgap.diagnosis.experiment_whole_logs import LEAST_SHOWN, WholeLogs
-from leapgap.diagnosis.experiments import candidates_for, experiment_of, plans_of
-from leapgap.diagnosis.experiments.base import Experiment, Repetition
-from leapgap.diagnosis.experiments.gains import OtherGains
-from leapgap.diagnosis.experiments.given import Given
-from leapgap.diagnosis.experiments.jumps import OtherJumps
-from leapgap.diagnosis.experiments.load import KnownLoad
-from leapgap.diagnosis.experiments.plans import is_possible
-from leapgap.diagnosis.experiments.sines import Sines
-from leapgap.diagnosis.experiments.speed import OtherSpeed
+from leapgap.diagnosis.experiment_forecast import LEAST_SHOWN, Forecast, Forecaster, Separation, largest_difference
+from leapgap.diagnosis.experiment_plans import Given, is_possible, repeated
+from leapgap.diagnosis.experiments import (
+    Experiment,
+    candidates_for,
+    experiment_of,
+    known_load,
+    other_gains,
+    other_jumps,
+    other_speed,
+    plans_of,
+    repetition,
+    sines,
+)
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.next_experiment import sharpen, tells_apart
-from leapgap.diagnosis.outside_forces.inverse_dynamics import inverse_dynamics, without_constraints
+from leapgap.diagnosis.outside_forces.model_errors import inverse_dynamics, without_constraints
 from leapgap.diagnosis.outside_forces.residuals import instants_of, without_loads
-from leapgap.diagnosis.rival_fits import Rival
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
 from leapgap.effects.friction import Armature, JointDamping, JointFriction
@@ -101,7 +104,7 @@ def fit(robot: Robot, kind: type[Effect], number: float, spread: float) -> Candi
 def forecaster(logs: list[Log], robot: Robot, answer: Candidate, rival: Candidate) -> Forecaster:
     judged = JudgedLogs.of(logs, robot)
     rivals = (Rival(rival.names[0], rival),)
-    return Forecaster(judged, Replayer(robot), answer.names[0], answer, rivals, {}, 0.1, 0.01, 1)
+    return Forecaster(judged, Replayer(robot), Settings(tolerances={}), answer.names[0], answer, rivals)
 
 
 def inertia(robot: Robot) -> float:
@@ -117,16 +120,21 @@ def weak_or_heavy(rod: Robot) -> Forecaster:
     return forecaster(logs, rod, fit(rod, TorqueGain, GAIN, 0.005), fit(rod, Armature, heavy, 0.0002))
 
 
-@pytest.mark.parametrize("experiment", [Repetition(), OtherGains(2.0), OtherSpeed(2.0), Sines(("hinge",), (0.1,), 3.0)])
-def test_no_motion_tells_a_weak_motor_from_a_heavy_rotor(weak_or_heavy: Forecaster, experiment: Experiment) -> None:
-    found = weak_or_heavy.forecast(experiment)
+@pytest.mark.parametrize(
+    ("kind", "numbers"),
+    [(repetition, ()), (other_gains, (2.0,)), (other_speed, (2.0,)), (sines, (("hinge",), (0.1,), 3.0))],
+)
+def test_no_motion_tells_a_weak_motor_from_a_heavy_rotor(
+    weak_or_heavy: Forecaster, kind: Callable[..., Experiment], numbers: tuple[object, ...]
+) -> None:
+    found = weak_or_heavy.forecast(kind(weak_or_heavy.given, *numbers))
     assert found is not None
     assert found.least < 1
 
 
 def test_a_known_load_does(weak_or_heavy: Forecaster) -> None:
     """The load adds the same inertia to both, which is not the same share of theirs."""
-    found = weak_or_heavy.forecast(KnownLoad("hinge", "rod", 0.3))
+    found = weak_or_heavy.forecast(known_load(weak_or_heavy.given, "hinge", "rod", 0.3))
     assert found is not None
     assert found.least > 60
     assert found.separations[0].noises > 0.5
@@ -139,7 +147,7 @@ def test_another_speed_tells_damping_from_coulomb_friction(rod: Robot) -> None:
     logs = [swing(seed, damping=0.3, triangle=True) for seed in range(3)]
     damped, rubbed = fit(rod, JointDamping, 0.3, 0.02), fit(rod, JointFriction, 0.3 * speed, 0.02)
     both = forecaster(logs, rod, damped, rubbed)
-    same, faster = (both.forecast(experiment) for experiment in (Repetition(), OtherSpeed(2.0)))
+    same, faster = (both.forecast(one) for one in (repetition(both.given), other_speed(both.given, 2.0)))
     assert same is not None and faster is not None
     assert faster.least > 3 * same.least
 
@@ -148,10 +156,11 @@ def test_a_rival_adapts_its_number_as_far_as_the_logs_leave_it_open(rod: Robot) 
     """The same rival with a number that nobody knows follows the answer further."""
     logs = [swing(seed, damping=0.3, triangle=True) for seed in range(3)]
     known, unknown = (
-        forecaster(logs, rod, fit(rod, JointDamping, 0.3, 0.02), fit(rod, JointFriction, 0.36, spread)).forecast(
-            OtherSpeed(2.0)
+        of.forecast(other_speed(of.given, 2.0))
+        for of in (
+            forecaster(logs, rod, fit(rod, JointDamping, 0.3, 0.02), fit(rod, JointFriction, 0.36, spread))
+            for spread in (0.001, 0.5)
         )
-        for spread in (0.001, 0.5)
     )
     assert known is not None and unknown is not None
     assert unknown.least < 0.8 * known.least
@@ -164,32 +173,28 @@ def test_what_tolerances_of_the_model_could_do_does_not_count(rod: Robot) -> Non
     judged, rivals = JudgedLogs.of(logs, rod), (Rival("joint_friction", heavy),)
     sure, unsure = (
         Forecaster(
-            judged, Replayer(rod), "torque_gain", fit(rod, TorqueGain, 1.0, 0.01), rivals, tolerances, 0.1, 0.01, 1
-        ).forecast(Repetition())
+            judged,
+            Replayer(rod),
+            Settings(tolerances=tolerances),
+            "torque_gain",
+            fit(rod, TorqueGain, 1.0, 0.01),
+            rivals,
+        ).forecast(repetition(Given(judged.logs, rod)))
         for tolerances in ({}, {"joint_damping.damping": 0.1, "armature.inertia": 3.0})
     )
     assert sure is not None and unsure is not None
     assert unsure.least < sure.least
 
 
-@dataclass(frozen=True)
-class LetGo(Experiment):
+def let_go(given: Given) -> Experiment:
     """The rod is let go where it stands upright, so that errors alone decide when and to which side it falls."""
 
-    name = "let_go"
-    cost = 0
-
-    @classmethod
-    def candidates(cls, given: Given) -> list[Experiment]:
-        return []
-
-    def plans(self, given: Given) -> list[Log]:
+    def make() -> list[Log]:
         states = {"joint_pos/hinge": 0.0, "joint_vel/hinge": 0.0, "cmd_kp/hinge": 0.05, "cmd_kd/hinge": 0.0}
         still = {name: np.full(len(given.logs[0]), value) for name, value in states.items()}
-        return [replace(plan, columns=dict(plan.columns) | still) for plan in Repetition().plans(given)]
+        return [replace(plan, columns=dict(plan.columns) | still) for plan in repeated(given)]
 
-    def words(self, given: Given) -> str:
-        return "let it go"
+    return Experiment("let_go", {}, 0, "let it go", "let go", make)
 
 
 def test_whole_logs_that_errors_decide_do_not_show_the_answer(tmp_path: Path) -> None:
@@ -200,35 +205,36 @@ def test_whole_logs_that_errors_decide_do_not_show_the_answer(tmp_path: Path) ->
     logs = [swing(seed, GAIN, text=upright) for seed in range(3)]
     judged, answer = JudgedLogs.of(logs, robot), fit(robot, TorqueGain, GAIN, 0.01)
     tolerances = {"armature.inertia": 0.05, "leg_mass.scale": 0.005, "joint_damping.damping": 0.1}
-    whole = WholeLogs(Forecaster(judged, Replayer(robot), "torque_gain", answer, (), tolerances, 0.1, 0.01, 1))
-    assert whole.closes(Repetition()) > 0.7
-    assert whole.least == pytest.approx(LEAST_SHOWN * whole.closes(Repetition()))
-    assert whole.show_answer(OtherGains(0.7))
-    assert whole.closes(LetGo()) < 0.2 and not whole.show_answer(LetGo())
+    whole = Forecaster(judged, Replayer(robot), Settings(tolerances=tolerances), "torque_gain", answer)
+    again, falling = repetition(whole.given), let_go(whole.given)
+    assert whole.closes(again) > 0.7
+    assert whole.least_closed == pytest.approx(LEAST_SHOWN * whole.closes(again))
+    assert whole.shows_answer(other_gains(whole.given, 0.7))
+    assert whole.closes(falling) < 0.2 and not whole.shows_answer(falling)
 
 
 def test_motions_alike_do_not_tell_what_the_logs_leave_open_but_by_their_number() -> None:
     """A rival that is best in an eighth of the resamples needs a little over twice the logs, one in 0.45 many more."""
 
-    def of(experiment: Experiment, loss: float) -> Forecast:
+    def of(is_alike: bool, loss: float) -> Forecast:
+        experiment = Experiment("any", {}, 1, "", "", list, is_alike=is_alike)
         return Forecast(experiment, (Separation("a", "b", loss, "base_pos_x", 1.0),), np.zeros(1))
 
-    given = Given((), SimpleNamespace(has_free_base=True))
-    assert tells_apart(of(OtherJumps(), 40.0), 20.0, 0.125, given)
-    assert tells_apart(of(OtherJumps(), 40.0), 20.0, 1e-22, given)
-    assert not tells_apart(of(OtherJumps(), 31.0), 20.0, 0.2, given)
-    assert not tells_apart(of(OtherGains(0.7), 40.0), 20.0, 0.45, given)
-    assert tells_apart(of(Sines(("hip",), (0.1,), 3.0), 40.0), 20.0, 0.45, given)
-    assert not tells_apart(of(Sines(("hip",), (0.1,), 3.0), 20.0), 20.0, 0.1, given)
+    assert tells_apart(of(True, 40.0), 20.0, 0.125)
+    assert tells_apart(of(True, 40.0), 20.0, 1e-22)
+    assert not tells_apart(of(True, 31.0), 20.0, 0.2)
+    assert not tells_apart(of(True, 40.0), 20.0, 0.45)
+    assert tells_apart(of(False, 40.0), 20.0, 0.45)
+    assert not tells_apart(of(False, 20.0), 20.0, 0.1)
 
 
 def test_further_jumps_are_to_the_logged_distances_whose_plans_are_simulated() -> None:
     logs = tuple(SimpleNamespace(info=SimpleNamespace(extra={"target": {"x_m": x}})) for x in (0.55, 0.38, 0.38))
     given = Given(logs, SimpleNamespace(has_free_base=True))  # type: ignore[arg-type]
-    (jumps,) = OtherJumps.candidates(given)
-    assert isinstance(jumps, OtherJumps) and jumps.number(given) == 6
-    assert jumps.words(given) == "record 6 further jumps, to 38, 55 cm, with the front feet on blocks of 2 to 8 cm"
-    assert jumps.collect(given)[:2] == ["collect.targets=[[0.38,0.0],[0.55,0.0]]", "collect.jumps=6"]
+    jumps = other_jumps(given)
+    assert given.is_jumps and jumps.number == 6 and jumps.is_alike
+    assert jumps.words == "record 6 further jumps, to 38, 55 cm, with the front feet on blocks of 2 to 8 cm"
+    assert jumps.collect[:2] == ("collect.targets=[[0.38,0.0],[0.55,0.0]]", "collect.jumps=6")
 
 
 def test_a_log_without_pieces_counts_for_no_difference() -> None:
@@ -245,13 +251,13 @@ def test_a_log_without_pieces_counts_for_no_difference() -> None:
 def test_plans_are_what_they_say(rod: Robot) -> None:
     given = Given(tuple(swing(seed) for seed in range(2)), rod)
     log = given.logs[0]
-    (fast, _), (stiff, _) = OtherSpeed(2.0).plans(given), OtherGains(2.0).plans(given)
+    (fast, _), (stiff, _) = other_speed(given, 2.0).plans, other_gains(given, 2.0).plans
     np.testing.assert_allclose(fast["cmd_pos/hinge"], log["cmd_pos/hinge"][::2], atol=1e-12)
     np.testing.assert_allclose(fast["cmd_vel/hinge"], 2 * log["cmd_vel/hinge"][::2], atol=1e-9)
     assert fast["joint_vel/hinge"][0] == pytest.approx(2 * log["joint_vel/hinge"][0])
     assert (stiff["cmd_kp/hinge"] == 2 * KP).all() and (stiff["cmd_kd/hinge"] == 2 * KD).all()
     np.testing.assert_array_equal(stiff["cmd_pos/hinge"], log["cmd_pos/hinge"])
-    slow, middle, quick = Sines(("hinge",), (0.4,), 0.7).plans(given)
+    slow, middle, quick = sines(given, ("hinge",), (0.4,), 0.7).plans
     for plan in (slow, middle, quick):
         position, velocity = plan["cmd_pos/hinge"], plan["cmd_vel/hinge"]
         np.testing.assert_allclose(np.gradient(position, PERIOD_S)[1:-1], velocity[1:-1], atol=0.02)
@@ -262,16 +268,16 @@ def test_plans_are_what_they_say(rod: Robot) -> None:
 def test_candidates_stay_within_the_range_of_the_joint_and_can_be_read_back(rod: Robot) -> None:
     given = Given(tuple(swing(seed) for seed in range(2)), rod)
     found = candidates_for(given)
-    assert {one.name for one in found} == {"gains", "speed", "sines", "load"}
+    assert {one.kind for one in found} == {"gains", "speed", "sines", "load"}
     assert [one.cost for one in found] == sorted(one.cost for one in found)
     for one in found:
-        again = experiment_of(json.loads(json.dumps(one.settings)))
-        assert again == one
-        for plan, same in zip(one.plans(given), again.plans(given), strict=True):
+        again = experiment_of(json.loads(json.dumps(one.settings)), given)
+        assert (again.settings, again.words, again.short) == (one.settings, one.words, one.short)
+        for plan, same in zip(one.plans, again.plans, strict=True):
             assert np.abs(plan["cmd_pos/hinge"]).max() < np.pi / 2
             assert all(np.array_equal(plan[name], same[name]) for name in plan.columns)
         thrice = plans_of({**one.settings, "repeats": 3}, given)
-        assert [plan.name for plan in thrice] == [f"next_{k}" for k in range(3 * len(one.plans(given)))]
+        assert [plan.name for plan in thrice] == [f"next_{k}" for k in range(3 * len(one.plans))]
 
 
 def test_a_motion_beyond_a_joint_stop_or_the_motor_is_not_proposed(rod: Robot) -> None:
@@ -285,12 +291,11 @@ def test_a_motion_beyond_a_joint_stop_or_the_motor_is_not_proposed(rod: Robot) -
 
 def test_a_sine_that_the_motor_cannot_follow_is_made_smaller(weak_or_heavy: Forecaster) -> None:
     """At 6 Hz and 1 rad the rod asks for far more than its 30 N·m."""
-    wild = Sines(("hinge",), (1.0,), 6.0)
+    wild = sines(weak_or_heavy.given, ("hinge",), (1.0,), 6.0)
     assert weak_or_heavy.forecast(wild) is None
     found = weak_or_heavy.forecast_possible(wild)
-    assert found is not None and isinstance(found.experiment, Sines)
-    assert found.experiment.frequency_hz == 6.0
-    assert 0.1 < found.experiment.amplitude[0] <= 0.6
+    assert found is not None and found.experiment.numbers["frequency_hz"] == 6.0
+    assert 0.1 < found.experiment.numbers["amplitude"][0] <= 0.6
 
 
 def test_a_report_proposes_the_load_and_says_by_how_much(rod: Robot, tmp_path: Path) -> None:
@@ -316,17 +321,17 @@ def test_the_least_sure_number_is_sharpened_by_what_at_least_halves_its_spread(r
     unsure, sure = (fit(rod, JointDamping, 0.05, spread) for spread in (0.04, 0.001))
     judged = JudgedLogs.of(logs, rod)
     asked, nothing = (
-        sharpen(Forecaster(judged, Replayer(rod), "joint_damping", of, (), {}, 0.1, 0.01, 1), lambda _: None)
+        sharpen(Forecaster(judged, Replayer(rod), Settings(tolerances={}), "joint_damping", of), lambda _: None)
         for of in (unsure, sure)
     )
     assert nothing is None
-    assert asked is not None and asked.experiment is not None
-    assert asked.sentence.startswith(
+    assert asked is not None and "settings" in asked
+    assert asked["sentence"].startswith(
         "The least sure number is damping of joint_damping, 0.05 ± 0.04 N·m·s/rad: record "
     )
-    (expected,) = asked.expected
+    (expected,) = asked["expected"]
     assert expected["spread"] <= expected["spread_today"] / 2
-    assert asked.to_json()["separates"] == []
+    assert asked["separates"] == []
 
 
 def loaded(gain: float, mass_kg: float) -> Log:

@@ -21,12 +21,10 @@ from leapgap.diagnosis.outside_forces.episodes import (
     least_peak,
     swings,
 )
-from leapgap.diagnosis.outside_forces.explained import unexplained
-from leapgap.diagnosis.outside_forces.inverse_dynamics import Instants, inverse_dynamics, without_constraints
-from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
+from leapgap.diagnosis.outside_forces.model_errors import Instants, inverse_dynamics, without_constraints
+from leapgap.diagnosis.outside_forces.outside_force import OutsideForce, OutsideForceSettings
 from leapgap.diagnosis.outside_forces.residuals import Residual, Residuals, stops
-from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces, without_moments
-from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
+from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces, unexplained, without_moments
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.friction import JointDamping
 from leapgap.logs.importers import log_format

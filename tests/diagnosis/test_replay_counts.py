@@ -7,8 +7,8 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.diagnose import diagnose
+from leapgap.diagnosis.horizons import RestartedReplayer
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.restarts import RestartedReplayer
 from leapgap.effects.measurements import SamplePeriod
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot

@@ -59,5 +59,5 @@ def test_a_tolerance_explains_no_more_than_its_furthest_and_a_free_number_all(co
     products = Products.of(columns)
     within = products.fit(np.array([16.0, 0.0]), furthest=6.0)
     assert within[1] == pytest.approx(6.0 / 4.0) and products.fit(np.array([16.0, 0.0]))[1] > 2.5
-    assert products.loss(within).sum() > 10 * PIECES
+    assert losses(products.chi2(within), products.values).sum() > 10 * PIECES
     assert products.fit(np.zeros(2), furthest=6.0)[1] == pytest.approx(3.0, abs=0.15)

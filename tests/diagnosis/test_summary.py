@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.closure import Interval
 from leapgap.diagnosis.engine.verdict import Conclusion
-from leapgap.diagnosis.gap import HeldOutFigures
+from leapgap.diagnosis.gap import HeldOutFigures, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.summary import few_names, listed, sentence, share_in_words
 from leapgap.effects.friction import JointDamping

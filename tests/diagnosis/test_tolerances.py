@@ -8,8 +8,7 @@ import pytest
 from leapgap import effects
 from leapgap.diagnosis.candidates import nominal_candidate
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.experiment_nuisances import Nuisances, errors_of
-from leapgap.diagnosis.experiment_whole_logs import tolerance_effects
+from leapgap.diagnosis.experiment_forecast import errors_of, tolerance_effects, with_nuisances
 from leapgap.diagnosis.hypotheses import Hypothesis, places, tolerance
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.settings import Settings
@@ -71,8 +70,8 @@ def test_a_nuisance_is_one_tolerance_of_a_change_of_its_place(robot: Robot, refe
     jumps = hardware(robot, reference, noise=SensorNoise(), jumps=2)
     evidence = ShortRollouts.of(JudgedLogs.of(jumps, robot).states, Replayer(robot, terrain_slots=1), 0.1, 0.01, 4)
     shares = {"payload.mass_kg": 0.01, "foot_friction.mu": 0.02}
-    seen = Nuisances.of(evidence, nominal_candidate(2), shares)
-    assert seen.columns.shape[2] == 1 + 1 + len(robot.feet)  # the first is the error of the steps
+    short, columns = with_nuisances(evidence, nominal_candidate(2), shares)
+    assert columns.shape[2] == 1 + 1 + len(robot.feet)  # the first is the error of the steps
     at = [
         ("payload", "all", "mass_kg", 0.01 * 4.713),
         *(("foot_friction", foot, "mu", 0.02 * 0.8) for foot in robot.feet),
@@ -80,9 +79,9 @@ def test_a_nuisance_is_one_tolerance_of_a_change_of_its_place(robot: Robot, refe
     for number, (name, place, parameter, size) in enumerate(at):
         there = Hypothesis(effects.known()[name], robot, place)
         (value,), (by,) = there.nominal + there.moderate, there.moderate
-        start, changed = errors_of(seen.short, [(), (effects.effect(name, location=place, **{parameter: value}),)])
+        start, changed = errors_of(short, [(), (effects.effect(name, location=place, **{parameter: value}),)])
         assert np.abs(changed - start).max() > 0
-        assert seen.columns[:, :, 1 + number] == pytest.approx(size / by * (changed - start))
+        assert columns[:, :, 1 + number] == pytest.approx(size / by * (changed - start))
 
 
 def test_each_place_of_an_experiments_robot_is_off_by_a_draw_of_its_own(robot: Robot) -> None:

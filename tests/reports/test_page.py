@@ -11,7 +11,7 @@ import pytest
 
 import leapgap as lg
 from leapgap import cli
-from leapgap.diagnosis.closure import Interval
+from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.report import Cause, ParameterEstimate
 from leapgap.errors import InputError
 from leapgap.reports import viewer as viewer_module

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.channels import JUMP
-from leapgap.diagnosis.closure import Interval
+from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.report import Cause, ParameterEstimate
 from leapgap.effects import sentence_words

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from leapgap.diagnosis.closure import Interval
+from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.report import Cause, ParameterEstimate
 from leapgap.diagnosis.settings import Settings

@@ -1,4 +1,4 @@
-"""Candidates of the search for causes: sets of hypotheses with fitted numbers."""
+"""Sets of hypotheses with fitted numbers: candidates of the search for causes, and those that it leaves open."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -104,6 +104,12 @@ def clip_numbers(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> np.nd
     return np.concatenate(parts) if parts else numbers
 
 
+def inward(hypotheses: Sequence[Hypothesis], numbers: np.ndarray, by: np.ndarray) -> np.ndarray:
+    """Sign of each step ``by`` (numbers,) that stays in the range of its number: 1, or −1 for the opposite one."""
+    lower, upper = (np.concatenate([h.bounds[side] for h in hypotheses]) for side in (0, 1))
+    return np.where((numbers + by <= upper) & (numbers + by >= lower), 1.0, -1.0)
+
+
 def effects_on_logs(
     hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray], logs: Sequence[str]
 ) -> list[list[tuple[Effect, ...]]]:
@@ -115,3 +121,23 @@ def effects_on_logs(
         ]
         for numbers in tried
     ]
+
+
+PLACES = 2  # Number of rivals in the place of one cause that experiments are to tell apart
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A set of causes that could be true."""
+
+    name: str  # Name of the effect that may be the one
+    fit: Candidate
+
+
+@dataclass(frozen=True)
+class Undecided:
+    """What an answer leaves open."""
+
+    names: tuple[str, ...] = ()  # The first cause of the answer that has rivals, with these; empty where none has
+    fits: tuple[Rival, ...] = ()  # The answer, and fits with the other names in its place; empty without an answer
+    share: float = 0.0  # Probability of the likeliest rival

@@ -80,14 +80,8 @@ def state_channels(robot: Robot) -> tuple[Channel, ...]:
 
 def logged_channels(logs: Sequence[Log], robot: Robot, sensors: Sequence[str] = ()) -> tuple[Channel, ...]:
     """Channels of the state that every log has, then those of some columns of sensors, which every log has."""
-    of_state = tuple(c for c in state_channels(robot) if all(is_logged(log, c.name) for log in logs))
-    return (*of_state, *sensor_channels(sensors, robot))
-
-
-def sensor_channels(columns: Sequence[str], robot: Robot) -> tuple[Channel, ...]:
-    """Channels of some columns of sensors, in their order."""
-    found = []
-    for k, column in enumerate(columns):
+    found = [c for c in state_channels(robot) if all(is_logged(log, c.name) for log in logs)]
+    for k, column in enumerate(sensors):
         quantity = next(name for name in SENSORS if column.startswith(name))
         found.append(Channel(column, quantity, QUANTITIES[quantity].unit, 2 * robot.model.nv + k))
     return tuple(found)

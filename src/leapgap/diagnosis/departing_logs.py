@@ -5,7 +5,8 @@ or a column is not what its name says. A log departs where a statistic is many t
 beyond a floor. So effects that differ from log to log, such as a clock or a payload, do not make a log depart.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,7 +102,9 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], list[SetAside]]:
     for log in sorted(logs, key=len, reverse=True):
         for of in kept:
             how = alike(log, of)
-            if how is None and is_piece(rows[log.name], rows[of.name]):
+            own, others = rows[log.name], rows[of.name]
+            repeats = len(own) >= FEWEST_ROWS and np.isin(own, others, assume_unique=True).mean() > SAME_ROWS
+            if how is None and repeats:
                 how = f"it is a part of {of.name}, which"
             if how is not None:
                 copies[log.name] = SetAside(log.name, f"{how} says nothing more")
@@ -119,11 +122,6 @@ def row_codes(log: Log) -> np.ndarray:
     for name, factor in zip(names, odd, strict=True):
         codes += (np.ascontiguousarray(log[name]).view(np.uint64) ^ (codes >> np.uint64(29))) * factor
     return np.unique(codes)
-
-
-def is_piece(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether nearly all rows of one log are rows of another, by their codes."""
-    return len(one) >= FEWEST_ROWS and float(np.isin(one, other, assume_unique=True).mean()) > SAME_ROWS
 
 
 def alike(one: Log, other: Log) -> str | None:
@@ -152,21 +150,19 @@ def alike(one: Log, other: Log) -> str | None:
 def reasons(logs: Sequence[Log]) -> dict[str, str]:
     """Name → reason of each log that departs, in the order of the logs."""
     found: dict[str, str] = {}
-    for compare in (without_gains, late_commands, turned_round):
-        for log, reason in zip(logs, compare(logs), strict=True):
-            if reason:
-                found.setdefault(log.name, reason)
-    for statistic in STATISTICS:
-        values = [statistic.of(log) for log in logs]
-        for log, reason in zip(logs, departures(values, statistic), strict=True):
-            if reason:
-                found.setdefault(log.name, reason)
+    compared = [*(compare(logs) for compare in (without_gains, late_commands, turned_round))]
+    compared += [departures(logs, statistic) for statistic in STATISTICS]
+    for name, reason in itertools.chain(*compared):
+        found.setdefault(name, reason)
     return {log.name: found[log.name] for log in logs if log.name in found}
 
 
-def departures(values: Sequence[Values], statistic: Statistic) -> list[str]:
-    """What departs in each log, in words; empty where nothing does."""
-    found = []
+Reasons = Iterator[tuple[str, str]]  # Name of each log that departs, and why, in words
+
+
+def departures(logs: Sequence[Log], statistic: Statistic) -> Reasons:
+    """Logs in which a channel's statistic departs from the other logs'."""
+    values = [statistic.of(log) for log in logs]
     for one, own in enumerate(values):
         others = [theirs for other, theirs in enumerate(values) if other != one]
         worst, says = statistic.ratio, ""
@@ -175,8 +171,8 @@ def departures(values: Sequence[Values], statistic: Statistic) -> list[str]:
             if value > statistic.floor and value > worst * usual:
                 worst = value / max(usual, 1e-12)
                 says = statistic.says.format(channel=channel, value=f"{value:.3g}", usual=f"{usual:.3g}")
-        found.append(says)
-    return found
+        if says:
+            yield logs[one].name, says
 
 
 def spikes(log: Log) -> Values:
@@ -290,7 +286,7 @@ def still_rows(log: Log) -> Values:
     return found
 
 
-def without_gains(logs: Sequence[Log]) -> list[str]:
+def without_gains(logs: Sequence[Log]) -> Reasons:
     """Logs whose gains are zero while their joints follow the set points as closely as in the others, where gains act.
 
     A robot without gains that is carried or falls does not follow; one whose set points are its measured positions is
@@ -298,7 +294,6 @@ def without_gains(logs: Sequence[Log]) -> list[str]:
     """
     joints = [set(acting(log)) for log in logs]
     errors = [tracking_errors(log) for log in logs]
-    found = []
     for one, log in enumerate(logs):
         others = [other for other in range(len(logs)) if other != one]
         usual = [joint for joint in log.joints if sum(joint in joints[other] for other in others) > len(others) / 2]
@@ -310,9 +305,9 @@ def without_gains(logs: Sequence[Log]) -> list[str]:
             near = NEAREST * min(of_others) < error < max(of_others) / NEAREST
             if near and (lag := lag_of(log, [joint])) and lag.correlation > FOLLOWS:
                 following.append(joint)
-        says = f"its gains of {', '.join(following)} are 0, and the joints follow their set points as in the other logs"
-        found.append(says if following else "")
-    return found
+        named = ", ".join(following)
+        if following:
+            yield log.name, f"its gains of {named} are 0, and the joints follow their set points as in the other logs"
 
 
 @dataclass(frozen=True)
@@ -346,47 +341,40 @@ def lag_of(log: Log, joints: Sequence[str]) -> Lag | None:
     return Lag(float(lags[best] * period), float(values[best]), lambda s: float(np.interp(s / period, lags, values)))
 
 
-def late_commands(logs: Sequence[Log]) -> list[str]:
+def late_commands(logs: Sequence[Log]) -> Reasons:
     """Logs whose joints follow their set points with another lag than in all others: commands of another time."""
     lags = [lag_of(log, acting(log)) if acting(log) else None for log in logs]
-    found = []
     for one, own in enumerate(lags):
         others = [lag for other, lag in enumerate(lags) if other != one and lag is not None]
         if own is None or len(others) < FEWEST_LOGS - 1 or min(lag.correlation for lag in (own, *others)) < FOLLOWS:
-            found.append("")
             continue
         usual = float(np.median([lag.seconds for lag in others]))
         spread = max(lag.seconds for lag in others) - min(lag.seconds for lag in others)
         least = max(LEAST_LAG_S, LEAST_LAG_ROWS * logs[one].info.sample_period_s, LAG_SPREADS * spread)
         later = own.seconds - usual
         if abs(later) > least and 1 - own.at(usual) > LAG_EXPLAINS * (1 - own.correlation):
-            found.append(
-                f"its joints follow the set points {1000 * own.seconds:.0f} ms later, in the other logs "
-                f"{1000 * usual:.0f} ms: commands are {1000 * abs(later):.0f} ms too {'early' if later > 0 else 'late'}"
-            )
-        else:
-            found.append("")
-    return found
+            early = f"commands are {1000 * abs(later):.0f} ms too {'early' if later > 0 else 'late'}"
+            when = f"{1000 * own.seconds:.0f} ms later, in the other logs {1000 * usual:.0f} ms"
+            yield logs[one].name, f"its joints follow the set points {when}: {early}"
 
 
-def turned_round(logs: Sequence[Log]) -> list[str]:
+def turned_round(logs: Sequence[Log]) -> Reasons:
     """Logs that begin turned by half a turn against all others and move the other way along their heading.
 
     So it looks where quaternions x y z w were taken for w x y z.
     """
     if not all(BASE_QUATERNION[0] in log and BASE_POSITION[0] in log for log in logs):
-        return [""] * len(logs)
+        return
     heading = np.array([log.yaw[0] for log in logs])
     moved = np.array([[log[name][-1] - log[name][0] for name in BASE_POSITION[:2]] for log in logs])
     along = moved[:, 0] * np.cos(heading) + moved[:, 1] * np.sin(heading)
-    found = []
-    for one in range(len(logs)):
+    for one, log in enumerate(logs):
         others = np.arange(len(logs)) != one
         opposite = (np.cos(heading[others] - heading[one]) < -0.99).all()
         backwards = along[one] * np.median(along[others]) < 0 and abs(along[one]) > 0.1
         says = "its base is turned by half a turn against all other logs, and moves backwards (quaternions x y z w?)"
-        found.append(says if opposite and backwards else "")
-    return found
+        if opposite and backwards:
+            yield log.name, says
 
 
 STATISTICS = (

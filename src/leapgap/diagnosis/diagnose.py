@@ -1,7 +1,8 @@
 """The diagnosis from end to end: logs and a robot in, a report out."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -10,26 +11,22 @@ from leapgap import effects
 from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.checks import CheckResult, as_read, clock_of, run_checks
-from leapgap.diagnosis.closure_by_source import ClosureBySource, closure_by_source
 from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.engine.points import Bench
 from leapgap.diagnosis.engine.search import Search
 from leapgap.diagnosis.engine.verdict import Judgement, candidate_of, conclude, is_explained, without_pushes
 from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
-from leapgap.diagnosis.gap import HeldOutGap
+from leapgap.diagnosis.gap import HeldOutGap, Interval
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
-from leapgap.diagnosis.joint_search import JointSearch
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import localise
 from leapgap.diagnosis.next_experiment import propose
-from leapgap.diagnosis.outside_forces.explained import unexplained
-from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces, without_moments
+from leapgap.diagnosis.outside_forces.search import OutsideForces, find_outside_forces, unexplained, without_moments
 from leapgap.diagnosis.outside_forces.verdict import with_outside_forces
-from leapgap.diagnosis.own_clock import OwnClock, own_clock
-from leapgap.diagnosis.provenance import Provenance
-from leapgap.diagnosis.report import Headline, HorizonError, ReportContent
+from leapgap.diagnosis.own_clock import OwnClock, closures_by_source, own_clock
+from leapgap.diagnosis.report import Headline, Provenance, ReportContent
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, ShortRollouts, check_length
 from leapgap.diagnosis.summary import causes_of, not_judged, sentence
@@ -99,9 +96,6 @@ def diagnose(
     (replays,), (corrected,) = heldout_gap.replays([selected]), heldout_gap.figures([selected])
     judged_fits = heldout_gap.figures([*conclusion.steps, *(fit for fit, _ in judgement.others)])
     shared = heldout_gap.shared_closure(selected) if conclusion.answer and clock is None else None
-    horizons = tuple(
-        HorizonError(at.horizon_s, at.nominal, own, at.unmoved) for at, own in heldout_gap.gaps_at_horizons(selected)
-    )
     # Short steps: what the nominal simulation's own step does is no part of the gap.
     fine = ready.replayer.with_steps(FINE * ready.replayer.largest_step_s)
     # The map is of all rows: a force from outside is part of the gap, though nothing is fitted to its rows.
@@ -110,10 +104,6 @@ def diagnose(
     places = localise(mapped, fine, settings.where_horizon_s, draws, rng)
     judged, gap = ready.judged, heldout_gap.gap(heldout_gap.before)
     floor = heldout_gap.gap(heldout_gap.floor)
-    pieces = (settings.horizon_s, settings.every_s)
-    proposal = propose(
-        judgement.undecided, judged, ready.replayer, settings.tolerances, *pieces, settings.seed, progress
-    )
     report = ReportContent(
         verdict=conclusion.verdict,
         sentence=sentence(conclusion, selected, gap, floor, corrected, names),
@@ -123,17 +113,17 @@ def diagnose(
         headline=Headline(
             judged.preset, {channel.name: channel.scale for channel in judged.channels}, heldout_gap.horizon_s
         ),
-        horizons=horizons,
+        horizons=heldout_gap.errors_at_horizons(selected),
         answer=conclusion.answer,
         closure_of_answer=corrected.closure if conclusion.answer else None,
         closure_shared=shared,
-        closure_by_source=answer.by_source,
+        closures_by_source=answer.by_source,
         where=tuple(places),
         causes=tuple(causes_of(judgement, judged_fits, names, settings.model_error)),
         checks=tuple(ready.checks),
         evidence=tuple(answer.evidence),
         descriptions=tuple(judge_descriptions(descriptions, heldout_gap)),
-        next_experiment=proposal.to_json() if proposal else None,
+        next_experiment=propose(judgement.undecided, judged, ready.replayer, settings, progress),
         not_judged=(*not_judged(judged), *(f.explained for f in ready.outside.forces if f not in forces)),
         evidence_numbers=judgement.numbers,
         residual_force=judgement.residual,
@@ -243,7 +233,7 @@ class FoundAnswer:
     judgement: Judgement
     heldout_gap: HeldOutGap  # At the horizon at which the answer is judged
     evidence: Sequence[Evidence]  # What the logs say without a simulation
-    by_source: ClosureBySource | None = None
+    by_source: Mapping[str, Interval] = field(default_factory=dict)  # As in ``ReportContent``
     best: BestSimulator | None = None  # None where the settings ask for none
 
 
@@ -264,17 +254,20 @@ def answer_by_own_clock(
     """
     judged, clock = ready.judged, ready.clock
     assert clock is not None
-    hypotheses = list_hypotheses(kinds_beside_clock(kinds, settings), judged.robot, None)
+    # The clock is no hypothesis then, and some effects show beside it alone.
+    further = [] if settings.effects else [kind for kind in effects.known().values() if kind.beside_clock]
+    looked = [one for one in (*kinds, *further) if not one.differs_per_log and one.name not in settings.without]
+    hypotheses = list_hypotheses(looked, judged.robot, None)
     evidence = gather([states.log for states in judged.whole], judged.robot)
     progress(f"step 2 of 4, search: {len(hypotheses)} hypotheses (an effect at a location)")
     joint = JointFit(ready.heldout_gap, pieces_of(ready, settings), evidence, settings.joint, progress)
     steps: tuple[Candidate, ...] = ()
     sure: tuple[float, ...] = ()
     if hypotheses:
-        near = JointSearch(joint).by_pieces(hypotheses)
+        near = joint.by_pieces(hypotheses)
         joint = replace(joint, heldout_gap=at_stable_horizon(ready, near, settings))
-        steps, sure = JointSearch(joint).search(near)
-    by_source = closure_by_source(joint, steps[-1]) if steps else None
+        steps, sure = joint.search(near)
+    by_source = closures_by_source(joint, steps[-1]) if steps else {}
     judgement = clock.conclude(joint, steps, sure)
     found = FoundAnswer(judgement, joint.heldout_gap, evidence, by_source)
     if not settings.best:
@@ -282,7 +275,7 @@ def answer_by_own_clock(
     progress("step 3 of 4, fit of all effects and map of the error")
     best = BestFit(
         joint.heldout_gap,
-        joint.short,
+        lambda: joint.short,
         judgement.selected,
         hypotheses,
         settings.model_error,
@@ -333,13 +326,16 @@ def with_best_simulator(
     settings: Settings,
     progress: Callable[[str], None],
 ) -> FoundAnswer:
-    """An answer by evidence with a fit of all usual effects about it, where the settings ask for one."""
+    """An answer by evidence with a fit of all usual effects about it, where the settings ask for one.
+
+    None is made about a simulation that agrees with the logs as it is.
+    """
     if not settings.best:
         return answer
     usual = list_hypotheses(kinds, ready.judged.robot, clock_of(ready.checks))
-    selected, gap = answer.judgement.selected, answer.heldout_gap
-    fit = BestFit(gap, pieces_of(ready, settings), selected, usual, settings.model_error, progress=progress)
-    return replace(answer, best=fit.search())
+    judgement, pieces = answer.judgement, partial(pieces_of, ready, settings)
+    fit = BestFit(answer.heldout_gap, pieces, judgement.selected, usual, settings.model_error, progress=progress)
+    return replace(answer, best=fit.best([]) if judgement.conclusion.verdict == "none" else fit.search())
 
 
 def kinds_by_evidence(kinds: Sequence[type[Effect]], settings: Settings) -> list[type[Effect]]:
@@ -365,12 +361,6 @@ def chosen_kinds(settings: Settings, own: Sequence[type[Effect]] = ()) -> list[t
     if not found:
         raise InputError("without", "every effect", "some that are searched", "leave out fewer")
     return found
-
-
-def kinds_beside_clock(kinds: Sequence[type[Effect]], settings: Settings) -> list[type[Effect]]:
-    """The effects to look for in logs by their own clock, which is no hypothesis then; others show beside a clock."""
-    further = [] if settings.effects else [kind for kind in effects.known().values() if kind.beside_clock]
-    return [kind for kind in (*kinds, *further) if not kind.differs_per_log and kind.name not in settings.without]
 
 
 def tolerances_on(robot: Robot, settings: Settings, own: Sequence[type[Effect]] = ()) -> dict[str, float]:

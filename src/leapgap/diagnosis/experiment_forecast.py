@@ -1,27 +1,33 @@
-"""What an experiment would show, by simulating it.
+"""What an experiment would show, by simulating it: in short pieces, and in whole logs.
 
 The answer's robot makes each experiment in simulation. Its logs are cut to the short pieces that a diagnosis fits, and
 each rival is replayed in them. A rival may adapt its numbers as far as today's logs leave them open, and the model's
 tolerances may move too; what then remains of the difference is what a further diagnosis could see.
+
+Where feet slip, errors as small as the tolerances of the model take a robot elsewhere within a second, and a diagnosis
+finds a gap in whole logs that no cause closes. So an experiment is also made by robots that differ from the answer's as
+the model may differ from the real one, and its whole logs are judged as a further diagnosis would judge them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate
+from leapgap import effects
+from leapgap.diagnosis.candidates import Candidate, Rival, inward
 from leapgap.diagnosis.channels import displaced
-from leapgap.diagnosis.experiment_nuisances import Nuisances, errors_of
-from leapgap.diagnosis.experiments.base import Experiment
-from leapgap.diagnosis.experiments.given import Given
-from leapgap.diagnosis.experiments.plans import is_possible
-from leapgap.diagnosis.hypotheses import Hypothesis
+from leapgap.diagnosis.experiment_plans import Given, is_possible
+from leapgap.diagnosis.experiments import Experiment, repetition
+from leapgap.diagnosis.gap import candidate_squares
+from leapgap.diagnosis.hypotheses import Hypothesis, places, tolerance, usable
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.rival_fits import Rival
 from leapgap.diagnosis.robust_least_squares import Products
-from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.diagnosis.settings import Settings
+from leapgap.diagnosis.short_rollouts import FINE, Effects, ShortRollouts
+from leapgap.diagnosis.simulation_settings import SimulationSettings
+from leapgap.effects.base import Effect, overrides
 from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_QUATERNION
 from leapgap.logs.state import States
@@ -38,6 +44,17 @@ Robots of many degrees of freedom take fewer, so that pieces times degrees are a
 STEP = 0.1  # Step of finite differences, as a share of the moderate departure
 GENTLER_STEPS = 4  # Number of sizes in which each experiment is tried
 SENSOR_NOISE = {"imu_acc": 0.3, "foot_force": 5.0}  # Noise of a sensor that nobody has read yet, m/s² and N
+CONTACT_TIMES = (0.9, 1.1)
+"""Factors on the time constants of contacts of the robots that make whole logs, one robot each.
+
+Their other numbers are drawn within the tolerances of the model, and they are simulated by short steps.
+"""
+LEAST_SHOWN = 0.6
+"""The right answer must close this share of what it closes in the same motions, made again.
+
+A further diagnosis judges all logs together, and new ones that show much less of the answer hide what the others show.
+Jumps with other gains or blocks had 0.64 to 1.6; sines of a standing robot up to 0.1, and 0.5 where all joints swing
+fast."""
 
 
 @dataclass(frozen=True)
@@ -72,44 +89,50 @@ class Forecaster:
 
     judged: JudgedLogs
     replayer: Replayer
+    settings: Settings  # Tolerances of the model, and the pieces that a further diagnosis would cut
     name: str  # Name of the cause that is taken for true
     answer: Candidate
-    rivals: tuple[Rival, ...]
-    tolerances: Mapping[str, float]
-    horizon_s: float
-    every_s: float
-    seed: int
+    rivals: tuple[Rival, ...] = ()
 
     @cached_property
     def given(self) -> Given:
         """What experiments start from."""
         fits = (self.answer, *(rival.fit for rival in self.rivals))
-        places = dict.fromkeys(h.location for fit in fits for h in fit.hypotheses)
-        return Given(tuple(states.log for states in self.judged.states), self.robot, tuple(places))
+        at = dict.fromkeys(h.location for fit in fits for h in fit.hypotheses)
+        return Given(tuple(states.log for states in self.judged.states), self.robot, tuple(at))
 
     @property
     def robot(self) -> Robot:
         """The nominal robot of the judged logs."""
         return self.judged.robot
 
+    @cached_property
+    def acting(self) -> Effects:
+        """The answer's effects, in a log yet to be made."""
+        return self.answer.effects_on("", None)
+
+    def plans(self, experiment: Experiment) -> list[Log]:
+        """The first parts of the first logs of an experiment."""
+        return [plan.first_rows(min(len(plan), plan.info.rows(MOST_S) + 1)) for plan in experiment.plans[:MOST_LOGS]]
+
     def forecast(self, experiment: Experiment) -> Forecast | None:
         """What an experiment would show; None where the robot could not make it."""
-        replayer = self.replayer
+        replayer, horizon_s = self.replayer, self.settings.horizon_s
         if experiment.sensors:
             columns = (*replayer.sensors, *experiment.sensors)
             replayer = Replayer(self.robot, replayer.slots, replayer.threads, sensors=columns)
-        plans = [short_plan(plan) for plan in experiment.plans(self.given)[:MOST_LOGS]]
+        plans = self.plans(experiment)
         logs = self.simulate(plans, replayer)
-        if logs is None or max(len(log) * log.info.sample_period_s for log in logs) <= 2 * self.horizon_s:
+        if logs is None or max(len(log) * log.info.sample_period_s for log in logs) <= 2 * horizon_s:
             return None
         states = [States.of(log, self.robot, replayer.sensors) for log in logs]
         pieces = min(PIECES, max(LEAST_PIECES, STATES // self.robot.model.nv))
-        short = ShortRollouts.of(states, replayer, self.horizon_s, self.every_s, pieces)
-        seen = Nuisances.of(short, self.answer, self.tolerances)
-        slopes = self.slopes(seen.short, self.answer)
-        times = experiment.number(self.given) / len(plans)
-        separations = tuple(self.separation(rival, seen, times) for rival in self.rivals)
-        return Forecast(experiment, separations, self.spread_after(slopes, seen))
+        short = ShortRollouts.of(states, replayer, horizon_s, self.settings.every_s, pieces)
+        short, nuisances = with_nuisances(short, self.answer, self.settings.tolerances)
+        slopes = slopes_of(short, self.answer)
+        times = experiment.number / len(plans)
+        separations = tuple(self.separation(rival, short, nuisances, times) for rival in self.rivals)
+        return Forecast(experiment, separations, self.spread_after(slopes[:, :, 1:], nuisances))
 
     def forecast_possible(self, experiment: Experiment) -> Forecast | None:
         """What an experiment would show, made smaller until the robot can make it; None where it cannot."""
@@ -118,22 +141,29 @@ class Forecaster:
             found = None if tried is None else self.forecast(tried)
             if tried is None or found is not None:
                 return found
-            tried = tried.gentler()
+            tried = tried.gentler and tried.gentler()
         return None
 
     def simulate(self, plans: Sequence[Log], replayer: Replayer) -> list[Log] | None:
         """Logs of the plans by the answer's robot, with the noise of the given logs; None where it cannot follow."""
-        acting = self.answer.effects_on("", None)
-        motions = replayer.motions([Rollout(plan, acting) for plan in plans])
-        pairs = list(zip(plans, motions, strict=True))
+        pairs = list(zip(plans, replayer.motions([Rollout(plan, self.acting) for plan in plans]), strict=True))
         if not all(is_possible(plan, motion, self.robot) for plan, motion in pairs):
             return None
-        rng = np.random.default_rng(self.seed)
+        rng = np.random.default_rng(self.settings.seed)
         return [self.measured(plan, motion, replayer, rng) for plan, motion in pairs]
 
     def measured(self, plan: Log, motion: Motion, replayer: Replayer, rng: np.random.Generator) -> Log:
-        """The log of a plan in which a robot moves so, with the columns and the noise of the given logs."""
-        return self.noisy(replayer.as_log(self.disturb(motion, replayer, rng), plan))
+        """The log of a plan in which a robot moves so, with the noise and the columns that every given log has."""
+        log = replayer.as_log(self.disturb(motion, replayer, rng), plan)
+        names = {channel.name for channel in self.judged.logged} | set(BASE_QUATERNION)
+        columns = {
+            name: values
+            for name, values in log.columns.items()
+            if name == "time"
+            or name.startswith(("cmd_", "imu_acc", "foot_force"))
+            or (all(name in one for one in self.given.logs) and (name in names or name.startswith("base_")))
+        }
+        return replace(log, columns=columns)
 
     def disturb(self, motion: Motion, replayer: Replayer, rng: np.random.Generator) -> Motion:
         """The motion with the noise of the given logs."""
@@ -147,67 +177,88 @@ class Forecaster:
         sizes = np.array([next(s for name, s in SENSOR_NOISE.items() if c.startswith(name)) for c in replayer.sensors])
         return replace(noisy, sensors=motion.sensors + sizes * rng.standard_normal(motion.sensors.shape))
 
-    def noisy(self, log: Log) -> Log:
-        """The log with the measured columns that every given log has."""
-        measured = {channel.name for channel in self.judged.logged}
-        measured |= set(BASE_QUATERNION)
-        given = self.given.logs
-        columns = {
-            name: values
-            for name, values in log.columns.items()
-            if name == "time"
-            or name.startswith(("cmd_", "imu_acc", "foot_force"))
-            or (all(name in one for one in given) and (name in measured or name.startswith("base_")))
-        }
-        return replace(log, columns=columns)
-
-    def slopes(self, short: ShortRollouts, fit: Candidate) -> np.ndarray:
-        """Whitened errors of a fit, then their derivatives by its numbers, (pieces, values, 1 + numbers)."""
-        steps = differences(fit.hypotheses, fit.numbers)
-        moved = (replace(fit, numbers=fit.numbers + by) for by in steps)
-        base, *changed = errors_of(short, [one.effects_on("", None) for one in (fit, *moved)])
-        by_number = [(one - base) / by.sum() for one, by in zip(changed, steps, strict=True)]
-        return np.stack([base, *by_number], axis=2)
-
-    def separation(self, rival: Rival, seen: Nuisances, times: float) -> Separation:
+    def separation(self, rival: Rival, short: ShortRollouts, nuisances: np.ndarray, times: float) -> Separation:
         """How far a rival is from the answer in an experiment of so many times the logs in which it is foretold."""
-        short = seen.short
-        (truth,) = errors_of(short, [self.answer.effects_on("", None)])
-        columns = self.slopes(short, rival.fit)
+        (truth,) = errors_of(short, [self.acting])
+        columns = slopes_of(short, rival.fit)
         columns[:, :, 0] -= truth
-        both = np.concatenate([columns, seen.columns], axis=2)
-        variance = np.maximum(np.diag(rival.fit.covariance), 1e-300)
-        prior = np.concatenate([1 / variance, np.ones(seen.columns.shape[2])])
-        products = Products.of(both)
+        products = Products.of(np.concatenate([columns, nuisances], axis=2))
+        free = np.ones(nuisances.shape[2])
+        prior = np.concatenate([1 / np.maximum(np.diag(rival.fit.covariance), 1e-300), free])
         weights = products.fit(prior)
         chi2, values = products.chi2(weights), products.values
         loss = float((values * np.log1p(chi2 / (2 * values))).sum() + 0.5 * (prior * weights[1:] ** 2).sum())
-        own = np.concatenate([columns[:, :, :1], seen.columns], axis=2)
-        of_tolerances = Products.of(own).fit(np.ones(seen.columns.shape[2]))
-        channel, noises = largest_difference(own @ of_tolerances, short)
+        own = np.concatenate([columns[:, :, :1], nuisances], axis=2)
+        channel, noises = largest_difference(own @ Products.of(own).fit(free), short)
         return Separation(self.name, rival.name, times * loss, channel, noises)
 
-    def spread_after(self, slopes: np.ndarray, seen: Nuisances) -> np.ndarray:
+    def spread_after(self, slopes: np.ndarray, nuisances: np.ndarray) -> np.ndarray:
         """Standard deviation of the answer's numbers once the experiment is fitted too, (numbers,)."""
-        numbers = slopes.shape[2] - 1
-        columns = np.concatenate([slopes[:, :, 1:], seen.columns], axis=2).reshape(
-            -1, slopes.shape[2] - 1 + seen.columns.shape[2]
-        )
+        numbers, both = slopes.shape[2], np.concatenate([slopes, nuisances], axis=2)
+        columns = both.reshape(-1, both.shape[2])
         normal = columns.T @ columns
         normal[numbers:, numbers:] += np.eye(len(normal) - numbers)
-        told = normal[:numbers, :numbers] - normal[:numbers, numbers:] @ np.linalg.solve(
-            normal[numbers:, numbers:], normal[numbers:, :numbers]
-        )
+        made_up = np.linalg.solve(normal[numbers:, numbers:], normal[numbers:, :numbers])
+        told = normal[:numbers, :numbers] - normal[:numbers, numbers:] @ made_up
         before = np.linalg.pinv(self.answer.covariance)
         return np.sqrt(np.maximum(np.diag(np.linalg.pinv(before + told)), 0.0))
 
+    def shows_answer(self, experiment: Experiment) -> bool:
+        """Whether whole logs of an experiment show the answer about as well as those of the logged motions."""
+        return self.closes(experiment) >= self.least_closed
 
-def differences(hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> list[np.ndarray]:
-    """A small step in each number within its range, (numbers,) each."""
-    steps = STEP * np.concatenate([h.moderate for h in hypotheses])
-    lower, upper = (np.concatenate([h.bounds[side] for h in hypotheses]) for side in (0, 1))
-    inside = (numbers + steps <= upper) & (numbers + steps >= lower)
-    return list(np.diag(np.where(inside, steps, -steps)))
+    @cached_property
+    def least_closed(self) -> float:
+        """What the right answer must close: of what it closes in the same motions, made again by such robots."""
+        return LEAST_SHOWN * max(0.0, self.closes(repetition(self.given)))
+
+    def closes(self, experiment: Experiment) -> float:
+        """Share of the gap of an experiment's whole logs that the right answer closes, those of all robots together.
+
+        Below 0 where the nominal robot is nearer. Noise of the sensors stays part of the gap.
+        """
+        rng = np.random.default_rng(self.settings.seed)
+        before, after = np.sum([self.squares(experiment, time, rng) for time in CONTACT_TIMES], axis=0)
+        return float(1 - np.sqrt(after / before)) if before > 0 else 0.0
+
+    def squares(self, experiment: Experiment, contact_time: float, rng: np.random.Generator) -> np.ndarray:
+        """Sums of squares that the nominal robot and the right answer leave in one robot's logs, (2,).
+
+        Channels and their sizes are those of a diagnosis of these and the given logs together.
+        """
+        given = self.given.logs
+        made = self.whole_logs(self.plans(experiment), contact_time, rng)
+        every = JudgedLogs.of([*given, *made], self.robot)
+        judged = replace(every, whole=every.whole[len(given) :], states=every.states[len(given) :])
+        sets = [[own] * len(made) for own in ((), self.acting)]
+        return np.asarray(candidate_squares(judged, self.replayer, sets).sum(axis=1))
+
+    def whole_logs(self, plans: Sequence[Log], contact_time: float, rng: np.random.Generator) -> list[Log]:
+        """Noisy logs of plans by the answer's robot with errors within the tolerances, simulated by short steps.
+
+        The errors are none of effects that the answer has, and of a user's own.
+        """
+        draws = iter(rng.standard_normal, None)
+        off = tolerance_effects(self.robot, self.settings.tolerances, draws, self.answer.names)
+        acting = (*self.acting, *off, SimulationSettings(contact_time=contact_time))
+        replayer = self.replayer.with_steps(FINE * self.replayer.largest_step_s)
+        motions = replayer.motions([Rollout(plan, acting) for plan in plans])
+        logs = [self.measured(*both, self.replayer, rng) for both in zip(plans, motions, strict=True)]
+        return [replace(log, name=f"experiment_{k}") for k, log in enumerate(logs)]
+
+
+def errors_of(short: ShortRollouts, sets: list[Effects]) -> list[np.ndarray]:
+    """Whitened errors of the pieces of all logs with several sets of effects, (pieces, values) each."""
+    return [np.concatenate(of_logs) for of_logs in short.residuals([short.on_every_log(one) for one in sets])]
+
+
+def slopes_of(short: ShortRollouts, fit: Candidate) -> np.ndarray:
+    """Whitened errors of a fit, then their derivatives by its numbers, (pieces, values, 1 + numbers)."""
+    by = STEP * np.concatenate([h.moderate for h in fit.hypotheses])
+    by = inward(fit.hypotheses, fit.numbers, by) * by
+    moved = (replace(fit, numbers=fit.numbers + step) for step in np.diag(by))
+    base, *changed = errors_of(short, [one.effects_on("", None) for one in (fit, *moved)])
+    return np.stack([base, *((one - base) / step for one, step in zip(changed, by, strict=True))], axis=2)
 
 
 def largest_difference(whitened: np.ndarray, short: ShortRollouts) -> tuple[str, float]:
@@ -227,6 +278,61 @@ def largest_difference(whitened: np.ndarray, short: ShortRollouts) -> tuple[str,
     return short.state.channels[worst].name, float(of_channels[worst])
 
 
-def short_plan(plan: Log) -> Log:
-    """The first part of a plan."""
-    return plan.first_rows(min(len(plan), plan.info.rows(MOST_S) + 1))
+def with_nuisances(
+    short: ShortRollouts, answer: Candidate, tolerances: Mapping[str, float]
+) -> tuple[ShortRollouts, np.ndarray]:
+    """Pieces whose errors are whitened for the answer's robot, and what one deviation of each nuisance changes there.
+
+    Changes of the whitened errors, (pieces, values, nuisances), by replays of a moderate departure of each tolerance
+    (``Settings.tolerances``) at each single place. The first nuisance is the error of the steps, unless some effect
+    acts on these.
+    """
+    robot, acting = short.state.robot, answer.effects_on("", None)
+    short = short.whiten_for(short.on_every_log(acting))
+    further, sizes, kinds = list[Effect](), list[float](), {h.kind for h in answer.hypotheses}
+    for there, number, deviation in tolerated(robot, tolerances):
+        if there.name in answer.names and not keeps_tolerance(there.kind, robot):
+            continue
+        kinds.add(there.kind)
+        by = np.eye(len(there.nominal))[number] * there.moderate
+        further.append(there.on("", there.nominal + by))
+        sizes.append(deviation / by[number])
+    start, *changed = errors_of(short, [acting, *((*acting, one) for one in further)])
+    found = [size * (errors - start) for size, errors in zip(sizes, changed, strict=True)]
+    if not any(overrides(kind, "change_step") for kind in kinds):
+        (stepped,) = errors_of(short.with_steps(FINE * short.replayer.largest_step_s), [acting])
+        found.insert(0, stepped - start)
+    return short, np.stack(found, axis=2) if found else np.zeros((*start.shape, 0))
+
+
+def tolerated(robot: Robot, tolerances: Mapping[str, float]) -> Iterator[tuple[Hypothesis, int, float]]:
+    """What a model has within a tolerance, at each single place: effect, index of its number, and its deviation."""
+    kinds = effects.known()
+    for name, share in tolerances.items():
+        effect, _, parameter = name.partition(".")
+        if effect in kinds and usable(kinds[effect], robot):
+            for place in places(kinds[effect], robot)["all"]:
+                there = Hypothesis(kinds[effect], robot, place)
+                number = [p.name for p in there.effect_parameters].index(parameter)
+                yield there, number, tolerance(there.kind, robot, place, parameter, share)
+
+
+def keeps_tolerance(kind: type[Effect], robot: Robot) -> bool:
+    """Whether what each place is off by stays in question where an effect of that kind acts.
+
+    One number for all joints leaves what each of them is off by. It does so where none of the effect's numbers stands
+    in place of the model's, and on held robots alone: in short pieces of jumps it would hide what acts slowly.
+    """
+    return not robot.has_free_base and all(own.nominal is not None for own in kind.declarations().values())
+
+
+def tolerance_effects(
+    robot: Robot, tolerances: Mapping[str, float], deviations: Iterator[float], without: Sequence[str] = ()
+) -> list[Effect]:
+    """One effect for each tolerance and single place, off by the next of some deviations; none of some names."""
+    found = []
+    for there, number, deviation in tolerated(robot, tolerances):
+        if there.name not in without:
+            off = np.eye(len(there.nominal))[number] * deviation * next(deviations)
+            found.append(there.on("", there.nominal + off))
+    return found

@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate, clip_numbers, effects_on_logs
-from leapgap.diagnosis.gap import HeldOutGap
+from leapgap.diagnosis.candidates import Candidate, clip_numbers, effects_on_logs, inward
+from leapgap.diagnosis.gap import HeldOutGap, scaled_errors
 from leapgap.diagnosis.hypotheses import Hypothesis
 
 DIFFERENCE = 0.25
@@ -111,10 +111,8 @@ class FullRollouts:
     def slopes(self, hypotheses: Sequence[Hypothesis], numbers: np.ndarray) -> Slopes:
         """Errors at numbers, and finite differences about them within their ranges."""
         scale = np.concatenate([h.moderate for h in hypotheses])
-        lower, upper = (np.concatenate([h.bounds[side] for h in hypotheses]) for side in (0, 1))
         by = DIFFERENCE * scale
-        inside = (numbers + by <= upper) & (numbers + by >= lower)
-        sides = np.where(inside, 1.0, -1.0)
+        sides = inward(hypotheses, numbers, by)
         tried = [numbers, *(numbers + np.diag(sides * by))]
         start, *moved = map(self.sample, self.errors(hypotheses, tried))
         slopes = [(of.sampled - start.sampled) / (side * DIFFERENCE) for of, side in zip(moved, sides, strict=True)]
@@ -122,7 +120,8 @@ class FullRollouts:
 
     def errors(self, hypotheses: Sequence[Hypothesis], tried: Sequence[np.ndarray]) -> list[list[np.ndarray]]:
         """Scaled errors ``[number][log]`` (rows, channels)."""
-        return self.heldout_gap.errors_with(effects_on_logs(hypotheses, tried, self.heldout_gap.names))
+        gap = self.heldout_gap
+        return scaled_errors(gap.judged, gap.replayer, effects_on_logs(hypotheses, tried, gap.names))
 
     def sample(self, errors: Sequence[np.ndarray]) -> Errors:
         """Scaled errors (rows, channels) of all logs, at the rows that are compared."""

@@ -1,33 +1,140 @@
-"""The headline gap of whole logs: of the nominal robot, and of candidates with effects on held-out logs."""
+"""The headline gap of replays: of the nominal robot, of noise alone, and of candidates with effects on held-out logs.
+
+The share of it above its noise floor that is closed has an interval over resampled logs.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.channels import channel_errors
-from leapgap.diagnosis.closure import Interval, above_noise, closure, resamples
 from leapgap.diagnosis.horizons import (
-    HorizonGap,
+    HorizonError,
+    RestartedReplayer,
     gap_of,
     horizons_of,
     longest_informative,
+    replayer_at,
     unmoved_errors,
 )
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.noise_floor import noise_floor
-from leapgap.diagnosis.restarts import RestartedReplayer, replayer_at
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
+LEAST_ABOVE = 0.05  # Smallest gap above the noise floor, as a share of the floor, of which a reduction can be stated
+SIGMAS = 1.96  # Half width of a 95 % interval in standard deviations
 DIVERGED_ERROR = 100.0  # Error assigned to diverged (non-finite) rollouts, and the bound of all scaled errors
 EXACT = 0.25  # Share of the own steps' length by which replays are nearly exact
 STABLE = 0.7
 """A horizon is stable where a right answer would close this share of the gap, by the noise of its own replays."""
+
+
+def noise_floor(
+    judged: JudgedLogs,
+    replayer: Replayer | RestartedReplayer,
+    draws: int,
+    rng: np.random.Generator,
+    motions: Sequence[Motion] | None = None,
+    effects: Sequence[tuple[Effect, ...]] | None = None,
+) -> np.ndarray:
+    """Mean sum of squares that sensor noise alone gives for each log, (logs,), summed over rows and channels.
+
+    The motion of the nominal robot, or of one with ``effects`` on each log, plus noise of each channel is taken as
+    measured, and replayed from its noisy first row, or rows where the replayer restarts. ``motions`` are those of that
+    robot, where they are known already.
+    """
+    total, restarted = np.zeros(len(judged.logs)), isinstance(replayer, RestartedReplayer)
+    of_rows = judged.noise_in(judged.channels)
+    trials = judged.trials(effects)
+    motions = motions or replayer.motions(trials)
+    true = [motion[:rows] for motion, rows in zip(motions, judged.rows, strict=True)]
+    for _ in range(draws):
+        for j, motion in enumerate(noisy_replays(judged, replayer, trials, rng)):
+            error = channel_errors(motion, true[j], judged.channels, judged.robot)
+            of_draw = rng.standard_normal(error.shape if restarted else error.T.shape)
+            error -= (of_draw if restarted else of_draw.T) * of_rows[j]
+            total[j] += sum(float((column**2).sum()) for column in (error / judged.scales).T)
+    return total / draws
+
+
+def noisy_replays(
+    judged: JudgedLogs, replayer: Replayer | RestartedReplayer, trials: Sequence[Rollout], rng: np.random.Generator
+) -> list[Motion]:
+    """Replays of the judged rows from starts with noise."""
+    if isinstance(replayer, Replayer):
+        starts = [replayer.first_state(trial) for trial in trials]
+        noisy = [start + rng.standard_normal(len(start)) * judged.start_noise(log) for log, start in enumerate(starts)]
+        return replayer.motions([replace(trial, first_state=state) for trial, state in zip(trials, noisy, strict=True)])
+    of_state = [channel for channel in judged.mapped if channel.is_state]
+    steps, entries = [], [channel.entry for channel in of_state]
+    for states, sigma, trial in zip(judged.states, judged.noise_in(of_state), trials, strict=True):
+        pieces, share = replayer.starts(trial)
+        by = states.deviation[list(pieces.rows)]
+        by[:, entries] = sigma * share[:, None]
+        steps.append(by * rng.standard_normal(by.shape))
+    return replayer.motions(trials, steps)
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A value with its 95 % interval over resampled logs."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def capped_at_one(self) -> "Interval":
+        """The interval of a share, clipped to at most 1, with the value inside: the form for texts.
+
+        A corrected gap may be below the noise floor by chance, which gives a share above 1.
+        """
+        value = min(self.value, 1.0)
+        return Interval(value, min(self.low, value), max(min(self.high, 1.0), value))
+
+    def to_json(self) -> dict[str, Any]:
+        """A share of the gap in the form of ``report.json``."""
+        return {"heldout": self.value, "ci95": [self.low, self.high]}
+
+
+def above_noise(gap: float, floor: float) -> bool:
+    """Whether a headline gap is above its noise floor."""
+    return gap - floor > LEAST_ABOVE * floor
+
+
+def resamples(logs: int, draws: int, rng: np.random.Generator) -> np.ndarray:
+    """Bootstrap resamples of logs: indices (draws, logs)."""
+    return rng.integers(0, logs, size=(draws, logs))
+
+
+def closure(
+    nominal: np.ndarray,
+    corrected: np.ndarray,
+    floor: np.ndarray,
+    counts: np.ndarray,
+    draws: Sequence[np.ndarray] | np.ndarray,
+    of_nominal: np.ndarray | None = None,
+) -> Interval:
+    """Share of the headline gap above its noise floor that is closed; 0 where the gap is not above that floor.
+
+    Arguments are sums of squares (logs,) and the ``counts`` of their values, those ``of_nominal`` where they differ.
+    """
+    first = counts if of_nominal is None else of_nominal
+
+    def of(chosen: np.ndarray) -> float:
+        sums = ((nominal, first), (corrected, counts), (floor, counts))
+        before, after, least = (np.sqrt(s[chosen].sum() / number[chosen].sum()) for s, number in sums)
+        return float((before - after) / (before - least)) if above_noise(before, least) else 0.0
+
+    sample = [of(chosen) for chosen in draws]
+    return Interval(of(np.arange(len(counts))), float(np.percentile(sample, 2.5)), float(np.percentile(sample, 97.5)))
 
 
 def scaled_errors(
@@ -63,10 +170,9 @@ def candidate_squares(
     return np.array([[float((e**2).sum()) for e in of_logs] for of_logs in scaled_errors(judged, replayer, candidates)])
 
 
-def horizon_gap(horizon_s: float | None, motions: Sequence[Motion], judged: JudgedLogs) -> HorizonGap:
-    """The gap of replays at a horizon, beside that of a robot that does not move."""
-    errors = [scaled_error(motion, judged, log) for log, motion in enumerate(motions)]
-    return HorizonGap(horizon_s, gap_of(errors), gap_of(unmoved_errors(judged, horizon_s)))
+def gap_of_motions(motions: Sequence[Motion], judged: JudgedLogs) -> float:
+    """The headline gap of one motion for each log."""
+    return gap_of([scaled_error(motion, judged, log) for log, motion in enumerate(motions)])
 
 
 def headline_gap(sum_of_squares: np.ndarray, judged: JudgedLogs) -> float:
@@ -112,7 +218,7 @@ class HeldOutGap:
     floor: np.ndarray  # Sums of squares of noise alone, (logs,)
     draws: np.ndarray  # Bootstrap resamples of logs, (draws, logs)
     nominal_motions: Sequence[Motion] = ()  # Their replays by the nominal robot
-    horizons: Sequence[HorizonGap] = ()  # The nominal robot's gap at several horizons
+    horizons: Sequence[HorizonError] = ()  # The nominal robot's gap at several horizons
     claimed: "HeldOutGap | None" = None
     """The same of the logs as they claim to be, where they are judged by their own clock."""
     cache: dict[int, tuple[Candidate, np.ndarray]] = field(default_factory=dict)
@@ -136,7 +242,10 @@ class HeldOutGap:
         fold_of_log = folds_of(len(judged.logs), folds)
         trials = judged.whole_trials()
         at_horizons = [(horizon, replayer_at(base, horizon).motions(trials)) for horizon in horizons_of(judged)]
-        gaps = [horizon_gap(horizon, motions, judged) for horizon, motions in at_horizons]
+        gaps = []
+        for horizon, motions in at_horizons:
+            own = gap_of_motions(motions, judged)
+            gaps.append(HorizonError(horizon, own, own, gap_of(unmoved_errors(judged, horizon))))
         chosen = longest_informative(gaps)
         motions, replayer = at_horizons[gaps.index(chosen)][1], replayer_at(base, chosen.horizon_s)
         nominal = motion_squares(motions, judged)
@@ -147,16 +256,16 @@ class HeldOutGap:
     def by_own_clock(self, judged: JudgedLogs, noise_draws: int, rng: np.random.Generator) -> "HeldOutGap":
         """The same logs by their own clock; what it makes of the gap is closed by whatever is judged from here on."""
         motions = self.replayer.motions(judged.whole_trials())
-        return replace(
-            self,
-            judged=judged,
-            nominal=motion_squares(motions, judged),
-            floor=noise_floor(judged, self.replayer, noise_draws, rng, motions),
-            nominal_motions=motions,
-            claimed=self,
-            cache={},
-            motions={},
-        )
+        floor = noise_floor(judged, self.replayer, noise_draws, rng, motions)
+        return self._replayed(judged, self.replayer, motions, floor=floor, claimed=self)
+
+    def _replayed(
+        self, judged: JudgedLogs, replayer: Replayer | RestartedReplayer, motions: Sequence[Motion], **further: Any
+    ) -> "HeldOutGap":
+        """The same by other replays of the nominal robot."""
+        nominal = motion_squares(motions, judged)
+        told = {"judged": judged, "replayer": replayer, "nominal": nominal, "nominal_motions": motions, **further}
+        return replace(self, cache={}, motions={}, **told)
 
     @property
     def before(self) -> np.ndarray:
@@ -189,18 +298,8 @@ class HeldOutGap:
         replayer = replayer_at(self.base, horizon_s)
         motions = replayer.motions(self.judged.whole_trials())
         floor = noise_floor(self.judged, replayer, noise_draws, rng, motions)
-        nominal = motion_squares(motions, self.judged)
         claimed = self.claimed and self.claimed.at(horizon_s, noise_draws, rng)
-        return replace(
-            self,
-            replayer=replayer,
-            nominal=nominal,
-            floor=floor,
-            nominal_motions=motions,
-            claimed=claimed,
-            cache={},
-            motions={},
-        )
+        return self._replayed(self.judged, replayer, motions, floor=floor, claimed=claimed)
 
     @property
     def names(self) -> list[str]:
@@ -245,8 +344,6 @@ class HeldOutGap:
 
     def squares_with(self, effect_sets: Sequence[Sequence[tuple[Effect, ...]]]) -> np.ndarray:
         """Sums of squares with effects ``[set][log]``, (sets, logs)."""
-        if not effect_sets:
-            return np.zeros((0, len(self.judged.logs)))
         return candidate_squares(self.judged, self.replayer, effect_sets)
 
     def shared_closure(self, candidate: Candidate) -> Interval:
@@ -259,34 +356,30 @@ class HeldOutGap:
             effects.append(candidate.typical_effects(others, fold))
         return self.closure(self.squares_with([effects])[0])
 
-    def errors_with(self, effect_sets: Sequence[Sequence[tuple[Effect, ...]]]) -> list[list[np.ndarray]]:
-        """Scaled errors ``[set][log]`` (rows, channels) with effects ``[set][log]``."""
-        return scaled_errors(self.judged, self.replayer, effect_sets)
-
     def figures(self, candidates: Sequence[Candidate]) -> list[HeldOutFigures]:
         """Gap and closure of several candidates on held-out logs."""
         return [HeldOutFigures(s, self.gap(s), self.closure(s)) for s in self.squares(candidates)]
 
     def closure(self, corrected: np.ndarray) -> Interval:
         """Share of the gap that is closed where sums of squares (logs,) remain, with its interval."""
-        return closure(self.before, corrected, self.floor, self.judged, self.draws)
+        return closure(self.before, corrected, self.floor, self.judged.value_counts, self.draws)
 
     def closure_value(self, corrected: np.ndarray) -> float:
         """Share of the gap that is closed, without an interval."""
-        return closure(self.before, corrected, self.floor, self.judged, self.draws[:1]).value
+        return closure(self.before, corrected, self.floor, self.judged.value_counts, self.draws[:1]).value
 
-    def gaps_at_horizons(self, candidate: Candidate) -> list[tuple[HorizonGap, float]]:
+    def errors_at_horizons(self, candidate: Candidate) -> tuple[HorizonError, ...]:
         """The nominal gap at each horizon, and that of a candidate on held-out logs."""
-        trials = self.judged.trials(*self.effects_on_logs([candidate]))
-        found = []
-        for gap in self.horizons:
-            if gap.horizon_s == self.horizon_s or not candidate.hypotheses:
-                own_gap = self.gap(*self.squares([candidate])) if candidate.hypotheses else gap.nominal
+        if not candidate.hypotheses:
+            return tuple(self.horizons)
+        trials, found = self.judged.trials(*self.effects_on_logs([candidate])), []
+        for one in self.horizons:
+            if one.horizon_s == self.horizon_s:
+                own = self.gap(*self.squares([candidate]))
             else:
-                motions = replayer_at(self.base, gap.horizon_s).motions(trials)
-                own_gap = gap_of([scaled_error(motion, self.judged, log) for log, motion in enumerate(motions)])
-            found.append((gap, own_gap))
-        return found
+                own = gap_of_motions(replayer_at(self.base, one.horizon_s).motions(trials), self.judged)
+            found.append(replace(one, corrected=own))
+        return tuple(found)
 
     @property
     def horizon_s(self) -> float | None:
@@ -317,9 +410,7 @@ class HeldOutGap:
         if above_noise(self.gap(self.before), float(np.hypot(self.gap(self.floor), self.of_steps))):
             return self
         replayer = self._replayer_of_steps(EXACT)
-        motions = replayer.motions(self.judged.whole_trials())
-        nominal = motion_squares(motions, self.judged)
-        return replace(self, replayer=replayer, nominal=nominal, nominal_motions=motions, cache={}, motions={})
+        return self._replayed(self.judged, replayer, replayer.motions(self.judged.whole_trials()))
 
     def _replayer_of_steps(self, share: float) -> Replayer | RestartedReplayer:
         """The replayer by steps of a share of the own ones' length."""

@@ -11,11 +11,34 @@ from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.full_rollouts import EVERY_S
 from leapgap.diagnosis.gap import HeldOutGap, scaled_error
 from leapgap.diagnosis.hypotheses import Hypothesis
-from leapgap.diagnosis.log_errors import LogErrors, difference, loss_of, normal_equations
 from leapgap.diagnosis.short_rollouts import ROUGH, ShortRollouts
 
+INDEPENDENT_S = 0.2  # Errors of whole replays at one instant say little more than those so long before
+ALIKE = 3  # A robot that has drifted off has done so in all channels: of so many values at an instant one counts
+PIECE_VALUES = 6  # A short piece counts as so many independent values
+USUAL = 1.0  # A usual χ² of a piece over its number of values: below it pieces count alike
 LOGS_AT_ONCE = 64  # Whole replays whose motions are in memory at once
 DIFFERENCE = 0.1  # Step of finite differences, as a share of the scale of a number
+
+
+@dataclass(frozen=True)
+class LogErrors:
+    """Errors of one log at some numbers, or their derivatives by the scaled numbers in a further axis."""
+
+    whole: np.ndarray
+    """Scaled errors of its whole replay at the compared instants, (values,); empty where these do not count."""
+    pieces: np.ndarray  # Whitened errors of its short pieces, (pieces, values)
+
+
+def independent(values: int) -> float:
+    """Number of independent values of whole replays among so many compared ones."""
+    return values * EVERY_S / INDEPENDENT_S
+
+
+def difference(moved: Sequence[np.ndarray], start: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Finite differences by several numbers, (…, numbers), scaled by ``share`` (numbers,)."""
+    found = [(one - start) * s for one, s in zip(moved, share, strict=True)]
+    return np.stack(found, axis=-1) if found else np.zeros((*start.shape, 0))
 
 
 @dataclass(frozen=True)
@@ -110,15 +133,15 @@ class JointLikelihood:
 
     def whole_errors(self, sets: Sequence[Sequence[tuple]], logs: Sequence[int]) -> list[list[np.ndarray]]:
         """Scaled errors ``[set][log]`` (values,) of whole replays of some logs, with effects ``[set][any log]``."""
+        judged, found = self.heldout_gap.judged, list[list[np.ndarray]]()
         at_once = max(1, LOGS_AT_ONCE // max(1, len(logs)))
-        some = (sets[first : first + at_once] for first in range(0, len(sets), at_once))
-        return [errors for of_some in some for errors in self._whole_errors(of_some, logs)]
-
-    def _whole_errors(self, sets: Sequence[Sequence[tuple]], logs: Sequence[int]) -> list[list[np.ndarray]]:
-        judged = self.heldout_gap.judged
-        trials = [of_all[log] for of_all in map(judged.trials, sets) for log in logs]
-        motions = iter(self.heldout_gap.replayer.motions(trials))
-        return [[scaled_error(next(motions), judged, log)[:: self.every[log]].ravel() for log in logs] for _ in sets]
+        for first in range(0, len(sets), at_once):
+            some = sets[first : first + at_once]
+            trials = [of_all[log] for of_all in map(judged.trials, some) for log in logs]
+            errors = zip(self.heldout_gap.replayer.motions(trials), [*logs] * len(some), strict=True)
+            of_logs = iter([scaled_error(one, judged, log)[:: self.every[log]].ravel() for one, log in errors])
+            found += [[next(of_logs) for _ in logs] for _ in some]
+        return found
 
     @cached_property
     def every(self) -> list[int]:
@@ -136,13 +159,28 @@ class JointLikelihood:
 
     def loss(self, errors: Sequence[LogErrors], departs: np.ndarray) -> float:
         """Minus the logarithm of the likelihood, up to a constant; ``departs`` from what is expected, scaled."""
-        return loss_of(errors) + 0.5 * float(departs @ departs)
+        values = np.concatenate([of.whole for of in errors])
+        whole = independent(len(values)) / ALIKE / 2 * np.log(np.mean(values**2)) if len(values) else 0.0
+        chi2 = np.concatenate([np.mean(of.pieces**2, axis=1) for of in errors])
+        return float(whole + PIECE_VALUES / 2 * np.log(USUAL + chi2).sum()) + 0.5 * float(departs @ departs)
 
     def normal(
         self, errors: Sequence[LogErrors], slopes: Sequence[LogErrors], departs: np.ndarray, fold: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Curvature and slope of ``loss`` by the scaled numbers, (numbers, numbers) and (numbers,), without a fold."""
-        curvature, slope = normal_equations(errors, slopes, self.heldout_gap.folds, fold)
+        numbers = slopes[0].pieces.shape[2]
+        values = np.concatenate([of.whole for of in errors])
+        of_whole = independent(len(values)) / ALIKE / max(float(values @ values), 1e-12)
+        curvature, slope = np.zeros((numbers, numbers)), np.zeros(numbers)
+        for own, of, by in zip(self.heldout_gap.folds, errors, slopes, strict=True):
+            if own == fold:
+                continue
+            weights = PIECE_VALUES / (USUAL + np.mean(of.pieces**2, axis=1)) / max(1, of.pieces.shape[1])
+            flat = by.pieces.reshape(-1, numbers)
+            weighted = (by.pieces * weights[:, None, None]).reshape(-1, numbers)
+            by_whole = by.whole[: len(of.whole)]
+            curvature += of_whole * by_whole.T @ by_whole + weighted.T @ flat
+            slope += of_whole * by_whole.T @ of.whole + weighted.T @ of.pieces.ravel()
         return curvature + np.eye(len(slope)), slope + departs
 
     def slopes(

@@ -14,23 +14,76 @@ from typing import Any
 import numpy as np
 
 from leapgap.diagnosis.candidates import split_numbers
-from leapgap.diagnosis.engine.points import ABSENT, Acting, Point
+from leapgap.diagnosis.diagnose import chosen_kinds, kinds_by_evidence, tolerances_on
+from leapgap.diagnosis.engine.points import ABSENT, Acting, Bench, Point
 from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, UNNAMED, Found, Search, few_of_each, screen
-from leapgap.diagnosis.hypotheses import Hypothesis, places
-from leapgap.diagnosis.refereed_logs import AtHorizon, RefereedLogs
+from leapgap.diagnosis.gap import folds_of, scaled_errors
+from leapgap.diagnosis.horizons import gap_of, horizons_of, replayer_at, unmoved_errors
+from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses, places
+from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects import label_words, parameter_words
 from leapgap.effects.base import Effect, Parameter
 from leapgap.effects.drive import Drive
 from leapgap.effects.model_change import FIELDS, MOST, StatedChange
+from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
+from leapgap.simulation.replay import Replayer
 
 SUPPORTED, ANOTHER, UNSUPPORTED, UNTOLD = "supported", "another number", "not supported", "undecided"
 MODEL_ERROR = 0.1  # Standard deviation of a share that no logs make smaller: simulations differ from robots
 SURE = 3.0  # Standard deviations by which a share differs from 0 and from 1
 MADE_UP = 2.0  # A change compensates for an effect without which it is worth this many times more
 CLOSELY = 3  # Number of further effects that are replayed in each round
+
+
+@dataclass(frozen=True)
+class AtHorizon:
+    """Errors of replays that start anew from the log after a time, in units of the headline gap."""
+
+    horizon_s: float | None  # None: whole logs
+    nominal: float
+    corrected: float
+    frozen: float  # Of a robot that does not move from each start (baseline)
+
+
+@dataclass(frozen=True)
+class RefereedLogs:
+    """Logs with the bench of the engine."""
+
+    judged: JudgedLogs
+    bench: Bench
+    folds: np.ndarray  # Fold of each log
+
+    @staticmethod
+    def of(where: str, logs: Sequence[Log], robot: Robot, settings: Settings, threads: int | None) -> "RefereedLogs":
+        """Cut the logs; ``where`` names the command in errors."""
+        if len(logs) < 2:
+            expected = "two or more: what acts is judged on logs it was not fitted on"
+            raise InputError(where, f"{len(logs)} log", expected, "name more logs of the same robot")
+        judged = JudgedLogs.of(logs, robot, settings.sizes)
+        slots = max((len(log.info.terrain) for log in logs), default=0)
+        replayer = Replayer(robot, max(1, slots), threads, sensors=judged.sensors.columns)
+        hypotheses = list_hypotheses(kinds_by_evidence(chosen_kinds(settings), settings), robot, None)
+        bench = Bench(hypotheses, tolerances_on(robot, settings), judged.states, replayer)
+        return RefereedLogs(judged, bench, folds_of(len(logs), settings.folds))
+
+    def errors_left(self, correction: tuple[Effect, ...]) -> tuple[dict[str, float], tuple[AtHorizon, ...]]:
+        """Shares of the channels in what a correction leaves at the shortest horizon, the largest first, and errors.
+
+        Errors are those at several horizons, the longest first.
+        """
+        judged, rows, left = self.judged, list[AtHorizon](), np.zeros(len(self.judged.channels))
+        sets = [[one for _ in judged.logs] for one in ((), correction)]
+        for horizon in horizons_of(judged):
+            nominal, corrected = scaled_errors(judged, replayer_at(self.bench.replayer, horizon), sets)
+            still = unmoved_errors(judged, horizon)
+            rows.append(AtHorizon(horizon, gap_of(nominal), gap_of(corrected), gap_of(still)))
+            left = np.sum([(error**2).sum(axis=0) for error in corrected], axis=0)
+        shares = left / max(left.sum(), 1e-300)
+        order = np.argsort(-shares, kind="stable")
+        return {judged.channels[k].name: float(shares[k]) for k in order}, tuple(rows)
 
 
 @dataclass(frozen=True)
@@ -250,14 +303,9 @@ def evidence_at(
     return posterior.evidence, at + posterior.mean[first], float(np.sqrt(posterior.covariance[first, first]))
 
 
-def gain_of(found: Found, member: int, without: Sequence[int] = ()) -> float:
-    """Evidence of a whole change over none of it, nats."""
-    return evidence_at(found, member, 1.0, without)[0] - evidence_at(found, member, 0.0, without)[0]
-
-
-def worth_of(found: Found, member: int, without: Sequence[int] = ()) -> float:
-    """Evidence of the likeliest share of a change over none of it, nats."""
-    return evidence_at(found, member, None, without)[0] - evidence_at(found, member, 0.0, without)[0]
+def gain_of(found: Found, member: int, share: float | None = 1.0, without: Sequence[int] = ()) -> float:
+    """Evidence of a share of a change, of its likeliest one where that is None, over none of it, nats."""
+    return evidence_at(found, member, share, without)[0] - evidence_at(found, member, 0.0, without)[0]
 
 
 def judge_change(search: Search, found: Found, changes: int, k: int) -> JudgedChange:
@@ -275,7 +323,9 @@ def judge_change(search: Search, found: Found, changes: int, k: int) -> JudgedCh
         verdict = ANOTHER if share > SURE * spread else UNSUPPORTED
     instead = None
     if verdict in (ANOTHER, UNSUPPORTED):
-        worth = {m: worth_of(search.judge(found.point, (), [m]), k, [m]) for m in range(changes, len(found.members))}
+        worth = {
+            m: gain_of(search.judge(found.point, (), [m]), k, None, [m]) for m in range(changes, len(found.members))
+        }
         most = max(worth, key=lambda m: worth[m], default=-1)
         if most >= 0 and worth[most] > max(LEAST_GAIN, MADE_UP * (free - none)):
             instead = numbered(found.members[most], split_numbers(found.members, found.numbers)[most])

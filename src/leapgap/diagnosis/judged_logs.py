@@ -1,4 +1,4 @@
-"""What is compared between logs and replays: rows, channels and their scales, chosen from the logs alone."""
+"""What is compared between logs and replays: rows, channels, sensors and their scales, chosen from the logs alone."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from leapgap.diagnosis.channels import (
     BASE_TURNS,
     JUMP,
     Channel,
+    is_logged,
     jump_channels,
     logged_channels,
     sensor_noise,
     sized_channels,
 )
-from leapgap.diagnosis.scored_sensors import ScoredSensors
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.logs.contacts import has_feet_in_world, sole_heights
@@ -23,13 +23,67 @@ from leapgap.logs.log import Log
 from leapgap.logs.metadata import FLIGHT, TOUCH_DOWN
 from leapgap.logs.state import States
 from leapgap.robot.model import Robot
+from leapgap.robot.model_sensors import FOOT_FORCE, IMU_ACCELERATION, sensor_columns
 from leapgap.robot.motion import POSITION_SLICE, QUATERNION_SLICE, VELOCITY_SLICE, Motion
 from leapgap.simulation.rollout import Rollout
 
+LEAST_SHARE, MOST_SHARE = 0.5, 2.0
+"""Over a log an accelerometer measures gravity on average, and feet bear the weight; within these factors."""
 GAIN_CHANGE_MARGIN_S = 0.010
 """Time left out before a change of gains, which reaches the motors at an unknown instant near its row."""
 SURELY_IN_FLIGHT = 1 / 3  # After this share of the planned flight no foot can still be at the ground from before
 TOUCHING_M = 0.005  # Largest height of a sole above the ground that counts as touching
+
+
+@dataclass(frozen=True)
+class ScoredSensors:
+    """Columns of sensors that are compared, and why others are not."""
+
+    columns: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(logs: Sequence[Log], robot: Robot) -> "ScoredSensors":
+        """The sensors of some logs."""
+        can = sensor_columns(robot)
+        columns: list[str] = []
+        notes: list[str] = []
+        for group, quantity, lack in (
+            (IMU_ACCELERATION, "imu_acc", "the model has neither an accelerometer nor a site of an IMU"),
+            (tuple(FOOT_FORCE + foot for foot in robot.feet), "foot_force", "the model has no such feet"),
+        ):
+            if not any(name.startswith(quantity) and is_logged(log, name) for log in logs for name in log.columns):
+                continue
+            if not group or any(name not in can for name in group):
+                notes.append(f"{quantity} ({lack})")
+            elif not all(is_logged(log, name) for log in logs for name in group):
+                notes.append(f"{quantity} (some log lacks some of {', '.join(group)})")
+            else:
+                doubt = acceleration_doubt(logs, robot) if group == IMU_ACCELERATION else force_doubt(logs, robot)
+                notes += [f"{quantity} ({doubt})"] if doubt else []
+                columns += [] if doubt else group
+        return ScoredSensors(tuple(columns), tuple(notes))
+
+
+def acceleration_doubt(logs: Sequence[Log], robot: Robot) -> str | None:
+    """Why an accelerometer is none, in words; None where it measures gravity."""
+    gravity = float(np.linalg.norm(robot.model.opt.gravity))
+    mean = float(np.mean([np.linalg.norm(log.stack(IMU_ACCELERATION), axis=1).mean() for log in logs]))
+    if LEAST_SHARE * gravity < mean < MOST_SHARE * gravity:
+        return None
+    return (
+        f"its mean is {mean:.2g} m/s² where gravity alone gives {gravity:.2f}: gravity was removed, or the unit differs"
+    )
+
+
+def force_doubt(logs: Sequence[Log], robot: Robot) -> str | None:
+    """Why forces of the feet are none, in words; None where they bear the weight of the robot."""
+    weight = robot.total_mass * float(np.linalg.norm(robot.model.opt.gravity))
+    names = [FOOT_FORCE + foot for foot in robot.feet]
+    borne = float(np.mean([log.stack(names).sum(axis=1).mean() for log in logs])) / weight
+    if LEAST_SHARE < borne < MOST_SHARE:
+        return None
+    return f"the feet bear {borne:.2g} of the robot's weight: the unit is not N, or something else bears it"
 
 
 def headline_rows(log: Log, robot: Robot) -> int:
@@ -88,13 +142,14 @@ class JudgedLogs:
             expected = "positions of the joints, or the state of the base, in every log"
             raise InputError(logs[0].name, "nothing measured that every log has", expected, "log it")
         planar = jump_channels(logged)
-        of_jumps = bool(planar) and not sizes and all(is_of_jump(log) for log in logs)
+        of_jumps = bool(planar) and not sizes and all(is_jump(log) or "schedule" in log.info.extra for log in logs)
         sensors = ScoredSensors() if of_jumps else ScoredSensors.of(logs, robot)
         whole = tuple(States.of(log, robot, sensors.columns) for log in logs)
         judged = [headline_rows(log, robot) for log in logs] if rows is None else rows
         states = tuple(of_log.first_rows(number) for of_log, number in zip(whole, judged, strict=True))
         if of_jumps:
-            joints = tuple(channel for channel in logged if channel.name in planar_and_joints(robot))
+            names = {*JUMP, *(f"{of}/{joint}" for of in ("joint_pos", "joint_vel") for joint in robot.joints)}
+            joints = tuple(channel for channel in logged if channel.name in names)
             return JudgedLogs(robot, whole, states, sensors, logged, planar, joints, "jump")
         logged = logged_channels(logs, robot, sensors.columns)
         every = sized_channels([of_log.motion for of_log in states], logged, robot, sizes or {})
@@ -182,13 +237,3 @@ def trials_of(states: Sequence[States], effects: Sequence[tuple[Effect, ...]] | 
 def is_jump(log: Log) -> bool:
     """Whether a log states a flight and its touch-down."""
     return {FLIGHT, TOUCH_DOWN} <= {segment.name for segment in log.info.segments}
-
-
-def is_of_jump(log: Log) -> bool:
-    """Whether a log is a jump, or a part of one that states its schedule."""
-    return is_jump(log) or "schedule" in log.info.extra
-
-
-def planar_and_joints(robot: Robot) -> set[str]:
-    """Names of the channels in which the gap of jumps is mapped."""
-    return {*JUMP, *(f"{quantity}/{joint}" for quantity in ("joint_pos", "joint_vel") for joint in robot.joints)}

@@ -1,6 +1,6 @@
 """Localisation of the gap: its share by phase of the motion and channel, above sensor noise."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -111,8 +111,8 @@ def localise(
             found[log] += piece.squares(error / np.maximum(piece.sigma, least))
         return found
 
-    number = sum_of(piece.counts for piece in pieces)
-    square = sum_of(piece.squares(e) for piece, e in zip(pieces, errors, strict=True))
+    number = np.sum([piece.counts for piece in pieces], axis=0)
+    square = np.sum([piece.squares(e) for piece, e in zip(pieces, errors, strict=True)], axis=0)
     shares = Shares.of(scaled(errors), np.stack([scaled(one) for one in of_noise]), rng)
     shares = shares.with_sides(twins_of(channels, judged.robot))
     found = [
@@ -221,11 +221,6 @@ def noise_errors(
             [e - rng.standard_normal(e.shape) * piece.sigma for e, piece in zip(of_pieces, pieces, strict=True)]
         )
     return found
-
-
-def sum_of(arrays: Iterable[np.ndarray]) -> np.ndarray:
-    """Sum of arrays of one shape."""
-    return np.sum(list(arrays), axis=0)
 
 
 def pieces_of(log: Log, names: Sequence[str], horizon_s: float) -> list[tuple[Log, np.ndarray, int]]:

@@ -2,20 +2,18 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 
+from leapgap.diagnosis.candidates import Undecided
 from leapgap.diagnosis.experiment_forecast import Forecast, Forecaster, Separation
-from leapgap.diagnosis.experiment_whole_logs import WholeLogs
-from leapgap.diagnosis.experiments import candidates_for
-from leapgap.diagnosis.experiments.base import REPEATS, Experiment, Repetition
-from leapgap.diagnosis.experiments.given import Given
-from leapgap.diagnosis.experiments.jumps import OtherJumps
+from leapgap.diagnosis.experiment_plans import Given
+from leapgap.diagnosis.experiments import REPEATS, Experiment, candidates_for, other_jumps, repetition
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.rival_fits import Undecided
+from leapgap.diagnosis.settings import Settings
 from leapgap.simulation.replay import Replayer
 
 ENOUGH = 60.0  # Loss of log likelihood of the best rival that tells it apart: what a diagnosis asks of a further cause
@@ -33,64 +31,43 @@ CHECKED, CHECKED_FLOATING = 5, 2
 LEAST_NOISES = 0.01  # Smallest difference, in units of noise, that is told as a number
 
 
-@dataclass(frozen=True)
-class NextExperiment:
-    """A proposal, with the figures that speak for it."""
+Entry = dict[str, Any]  # A proposal in the form of ``report.json``
 
-    sentence: str
-    separates: tuple[str, ...]
-    experiment: Experiment | None = None  # None where none tells the causes apart, or none could be foretold
-    repeats: int = 1  # How many times each of its logs is to be made
-    expected: tuple[Mapping[str, Any], ...] = ()
-    """For each rival what the experiment would show, beside what the logs show today."""
-    tried: tuple[Mapping[str, Any], ...] = ()
-    """Every experiment that was foretold, with its smallest loss over the rivals, and the share of the gap of its whole
-    logs that the right answer would close, where that was asked for."""
-    collect: tuple[str, ...] = ()  # Settings of ``stages.collect``, where these make it
 
-    def to_json(self) -> dict[str, Any]:
-        """The entry of ``report.json``."""
-        entry: dict[str, Any] = {"sentence": self.sentence, "separates": list(self.separates)}
-        if self.experiment is not None:
-            entry["settings"] = self.experiment.settings | ({REPEATS: self.repeats} if self.repeats > 1 else {})
-        if self.collect:
-            entry["collect"] = list(self.collect)
-        entry["expected"] = [dict(one) for one in self.expected]
-        entry["tried"] = [dict(one) for one in self.tried]
-        return entry
+def entry_of(
+    sentence: str,
+    separates: Sequence[str],
+    experiment: Experiment | None = None,
+    repeats: int = 1,
+    expected: Sequence[Entry] = (),
+    tried: Sequence[Entry] = (),
+) -> Entry:
+    """A proposal, with the figures that speak for it.
+
+    The experiment is None where none tells the causes apart, or none could be foretold. ``expected`` says what it would
+    show for each rival, beside today's logs; ``tried`` every experiment that was foretold, with its smallest loss over
+    the rivals, and the share of the gap of its whole logs that the right answer would close, where that was asked for.
+    """
+    entry: Entry = {"sentence": sentence, "separates": list(separates)}
+    if experiment is not None:
+        entry["settings"] = experiment.settings | ({REPEATS: repeats} if repeats > 1 else {})
+        entry |= {"collect": list(experiment.collect)} if experiment.collect else {}
+    return entry | {"expected": list(expected), "tried": list(tried)}
 
 
 def propose(
     undecided: Undecided,
     judged: JudgedLogs,
     replayer: Replayer,
-    tolerances: Mapping[str, float],
-    horizon_s: float,
-    every_s: float,
-    seed: int,
+    settings: Settings,
     progress: Callable[[str], None] = lambda _: None,
-) -> NextExperiment | None:
-    """The next experiment of a diagnosis; None where nothing is open.
-
-    ``horizon_s`` and ``every_s`` are those of the short rollouts that a further diagnosis would make.
-    """
+) -> Entry | None:
+    """The next experiment of a diagnosis; None where nothing is open."""
     names, fits = undecided.names, undecided.fits
     if not fits or not fits[0].fit.hypotheses:
         return by_experience(names, Given(judged.logs, judged.robot)) if names else None
-    by_truth = [
-        Forecaster(
-            judged,
-            replayer,
-            truth.name,
-            truth.fit,
-            tuple(rival for rival in fits if rival.name != truth.name),
-            tolerances,
-            horizon_s,
-            every_s,
-            seed,
-        )
-        for truth in fits
-    ]
+    rivals_of = {truth.name: tuple(rival for rival in fits if rival.name != truth.name) for truth in fits}
+    by_truth = [Forecaster(judged, replayer, settings, one.name, one.fit, rivals_of[one.name]) for one in fits]
     if not names:
         return sharpen(by_truth[0], progress)
     if not by_truth[0].rivals:
@@ -98,15 +75,14 @@ def propose(
     return separate(names, by_truth, undecided.share, progress)
 
 
-def by_experience(names: Sequence[str], given: Given) -> NextExperiment:
+def by_experience(names: Sequence[str], given: Given) -> Entry:
     """A proposal without figures, where no rival has a fit that could be simulated."""
     trace = same_trace(names)
-    jumps = OtherJumps.candidates(given)
-    if not jumps:
-        return NextExperiment(f"{trace}log faster and slower motions, and diagnose all logs together.", tuple(names))
-    (jump,) = jumps
-    sentence = f"{trace}{jump.words(given)}, and diagnose all logs together."
-    return NextExperiment(sentence, tuple(names), jump, collect=tuple(OtherJumps().collect(given)))
+    if not given.is_jumps:
+        return entry_of(f"{trace}log faster and slower motions, and diagnose all logs together.", names)
+    jump = other_jumps(given)
+    sentence = f"{trace}{jump.words}, and diagnose all logs together."
+    return entry_of(sentence, names, jump)
 
 
 def forecasts_of(forecaster: Forecaster, progress: Callable[[str], None]) -> list[Forecast]:
@@ -122,7 +98,7 @@ def forecasts_of(forecaster: Forecaster, progress: Callable[[str], None]) -> lis
 
 def separate(
     names: Sequence[str], by_truth: Sequence[Forecaster], rival_share: float, progress: Callable[[str], None]
-) -> NextExperiment:
+) -> Entry:
     """The experiment that tells the open causes apart, whichever is true, or the statement that none does.
 
     All experiments are foretold for the answer's robot, and whole logs are made of those that tell the causes apart
@@ -130,21 +106,27 @@ def separate(
     resamples in which the likeliest rival is best today.
     """
     answer, *others = by_truth
-    given, today, whole = answer.given, answer.forecast(Repetition()), WholeLogs(answer)
+    today = answer.forecast(repetition(answer.given))
     found = forecasts_of(answer, progress)
     least = today.least if today else 0.0
-    telling = [one for one in found if tells_apart(one, least, rival_share, given)]
-    closes = {one.experiment: whole.closes(one.experiment) for one in telling}
-    shown = [one for one in telling if closes[one.experiment] >= whole.least]
+    telling = [one for one in found if tells_apart(one, least, rival_share)]
+    closes = {one.experiment: answer.closes(one.experiment) for one in telling}
+    shown = [one for one in telling if closes[one.experiment] >= answer.least_closed]
     best = best_for_all_truths(shown, closes, max(ENOUGH, LEAST_TIMES * least), others)
-    tried = tuple(
+    tried = [
         {"experiment": one.experiment.short, "least_loss": one.least}
         | ({"closes": closes[one.experiment]} if one.experiment in closes else {})
         for one in found
-    )
-    if best is None or not tells_apart(best, least, rival_share, given):
-        return NextExperiment(none_tells(names, len(found), len(telling) - len(shown)), tuple(names), tried=tried)
-    return proposal_of(names, best, today, tried, given)
+    ]
+    if best is None or not tells_apart(best, least, rival_share):
+        hidden = len(telling) - len(shown)
+        but = f"; {hidden} would in short segments, but whole logs of such motions hide the cause" if hidden else ""
+        sentence = (
+            f"{same_trace(names)}none of {len(found)} simulated experiments separates them beyond noise and the "
+            f"tolerances of the model{but}."
+        )
+        return entry_of(sentence, names, tried=tried)
+    return proposal_of(names, best, today, tried)
 
 
 def best_for_all_truths(
@@ -169,31 +151,19 @@ def best_for_all_truths(
     return best
 
 
-def none_tells(names: Sequence[str], number: int, hidden: int) -> str:
-    """The sentence where none of a number of experiments is proposed; whole logs hide the answer in ``hidden``."""
-    but = f"; {hidden} would in short segments, but whole logs of such motions hide the cause" if hidden else ""
-    return (
-        f"{same_trace(names)}none of {number} simulated experiments separates them beyond noise and the "
-        f"tolerances of the model{but}."
-    )
-
-
-def proposal_of(
-    names: Sequence[str], best: Forecast, today: Forecast | None, tried: tuple[Mapping[str, Any], ...], given: Given
-) -> NextExperiment:
+def proposal_of(names: Sequence[str], best: Forecast, today: Forecast | None, tried: Sequence[Entry]) -> Entry:
     """The proposal of an experiment, with what it would show beside today's logs."""
     expected = expected_of(best, today)
     worst = min(expected, key=lambda one: float(one["loss"]))
     was = "" if worst["noises_today"] is None else f"; today by {in_noises(worst['noises_today'])}"
     differ = f"There {names[0]} and {worst['rival']} differ by {in_noises(worst['noises'])} times the noise"
-    collect = collect_of(best.experiment, given)
-    repeats = 1 if collect else max(1, math.ceil(ENOUGH / best.least))
+    repeats = 1 if best.experiment.collect else max(1, math.ceil(ENOUGH / best.least))
     times = f", each {repeats} times" if repeats > 1 else ""
     sentence = (
-        f"{same_trace(names)}{best.experiment.words(given)}{times}, and diagnose all logs together. {differ} in "
+        f"{same_trace(names)}{best.experiment.words}{times}, and diagnose all logs together. {differ} in "
         f"{worst['channel']}{was}."
     )
-    return NextExperiment(sentence, tuple(names), best.experiment, repeats, expected, tried, collect)
+    return entry_of(sentence, names, best.experiment, repeats, expected, tried)
 
 
 def same_trace(names: Sequence[str]) -> str:
@@ -201,7 +171,7 @@ def same_trace(names: Sequence[str]) -> str:
     return f"These logs do not separate {', '.join(names[:-1])} and {names[-1]}: "
 
 
-def tells_apart(forecast: Forecast, today: float, rival_share: float, given: Given) -> bool:
+def tells_apart(forecast: Forecast, today: float, rival_share: float) -> bool:
     """Whether an experiment, made a few times, tells the answer apart from its rivals.
 
     ``today`` is the loss that the logged motions are foretold to give. Where these leave a rival best in
@@ -210,7 +180,7 @@ def tells_apart(forecast: Forecast, today: float, rival_share: float, given: Giv
     """
     if forecast.least < max(ENOUGH / MOST_REPEATS, LEAST_TIMES * today):
         return False
-    if not forecast.experiment.is_alike(given) or not 0 < rival_share < 1:
+    if not forecast.experiment.is_alike or not 0 < rival_share < 1:
         return True
     sigmas = -NormalDist().inv_cdf(rival_share)  # however small the share is
     wanted = NormalDist().inv_cdf(1 - RIVAL_SHARE)
@@ -231,12 +201,7 @@ def with_other_truths(forecast: Forecast, others: Sequence[Forecaster]) -> Forec
     return replace(forecast, separations=(*forecast.separations, *more))
 
 
-def collect_of(experiment: Experiment, given: Given) -> tuple[str, ...]:
-    """Settings of ``stages.collect`` for an experiment; empty where it cannot make it."""
-    return tuple(experiment.collect(given)) if isinstance(experiment, OtherJumps) else ()
-
-
-def expected_of(best: Forecast, today: Forecast | None) -> tuple[dict[str, Any], ...]:
+def expected_of(best: Forecast, today: Forecast | None) -> list[Entry]:
     """Each rival's smallest separation in an experiment beside today's."""
 
     def smallest(of: Forecast | None) -> dict[str, Separation]:
@@ -245,7 +210,7 @@ def expected_of(best: Forecast, today: Forecast | None) -> tuple[dict[str, Any],
         return {one.rival if one.rival != first else one.truth: one for one in by_size}
 
     before = smallest(today)
-    return tuple(
+    return [
         {
             "rival": name,
             "channel": one.channel,
@@ -255,10 +220,10 @@ def expected_of(best: Forecast, today: Forecast | None) -> tuple[dict[str, Any],
             "loss_today": before[name].loss if name in before else None,
         }
         for name, one in sorted(smallest(best).items())
-    )
+    ]
 
 
-def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> NextExperiment | None:
+def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> Entry | None:
     """The experiment that shrinks the interval of the least sure number of the answer most; None where all are sure."""
     answer = forecaster.answer
     spread = answer.spread()
@@ -269,24 +234,18 @@ def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> NextExpe
     found = forecasts_of(forecaster, progress)
     enough = [one for one in found if spread[which] >= SHRINKS * one.spread[which]]
     enough.sort(key=lambda one: (one.experiment.cost, one.spread[which]))
-    whole = WholeLogs(forecaster)
-    best = next((one for one in enough if whole.show_answer(one.experiment)), None)
+    best = next((one for one in enough if forecaster.shows_answer(one.experiment)), None)
     if best is None:
         return None
     labels = [(h.name, p) for h in answer.hypotheses for p in h.parameters]
     name, parameter = labels[which]
     unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-    given, value = forecaster.given, f"{answer.numbers[which]:.3g} ± {spread[which]:.2g}{unit}"
+    value = f"{answer.numbers[which]:.3g} ± {spread[which]:.2g}{unit}"
     sentence = (
         f"The least sure number is {parameter.name} of {name}, {value}: "
-        f"{best.experiment.words(given)}. That should leave ± {best.spread[which]:.2g}{unit}."
+        f"{best.experiment.words}. That should leave ± {best.spread[which]:.2g}{unit}."
     )
-    tried = tuple({"experiment": one.experiment.short, "spread": float(one.spread[which])} for one in found)
-    expected = (
-        {
-            "number": f"{name}.{parameter.name}",
-            "spread": float(best.spread[which]),
-            "spread_today": float(spread[which]),
-        },
-    )
-    return NextExperiment(sentence, (), best.experiment, 1, expected, tried, collect_of(best.experiment, given))
+    tried = [{"experiment": one.experiment.short, "spread": float(one.spread[which])} for one in found]
+    now, then = float(spread[which]), float(best.spread[which])
+    expected = [{"number": f"{name}.{parameter.name}", "spread": then, "spread_today": now}]
+    return entry_of(sentence, (), best.experiment, 1, expected, tried)

@@ -5,18 +5,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate, nominal_candidate
+from leapgap.diagnosis.candidates import Candidate, Rival, Undecided, nominal_candidate
 from leapgap.diagnosis.checks import CheckResult, row_clocks_of
 from leapgap.diagnosis.engine.verdict import Conclusion, Judgement
+from leapgap.diagnosis.gap import Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.rival_fits import Rival, Undecided
 from leapgap.effects.measurements import SamplePeriod
 from leapgap.logs.row_clock import with_clock
 from leapgap.robot.model import Robot
 
 AT_END = "a fitted number is at the end of its range: another cause may act in its place"
+STEPS = 2  # Largest number of steps of the fit without evidence, from the answer's numbers on
 
 
 @dataclass(frozen=True)
@@ -96,3 +97,21 @@ def own_clock(judged: JudgedLogs, checks: Sequence[CheckResult], sizes: Mapping[
     weights = tuple(before / after for before, after in zip(judged.rows, rows, strict=True))
     own = replace(own, channels=judged.channels, mapped=judged.mapped, row_weights=weights)
     return OwnClock(own, result.clocks or {}, judged.robot)
+
+
+def closures_by_source(joint: JointFit, answer: Candidate) -> dict[str, Interval]:
+    """Shares of the gap on held-out logs that the answer of a joint fit closes; empty where evidence tells none of it.
+
+    ``evidence``: by the numbers that evidence tells alone; ``fits``: with every number fitted, those of evidence too;
+    ``both``: by the answer, in which numbers of evidence are held and the others fitted.
+    """
+    told = tuple(h for h in answer.hypotheses if joint.is_told(h))
+    if not told:
+        return {}
+    gap = joint.heldout_gap
+    numbers = joint.numbers(told).centre
+    folds = np.tile(numbers, (int(gap.folds.max()) + 1, 1))
+    alone = Candidate(told, numbers, np.diag(joint.numbers(told).spread ** 2), folds)
+    fitted = replace(joint, evidence=()).fit(answer.hypotheses, answer.numbers, STEPS)
+    evidence, both = gap.squares([alone, answer])
+    return {"evidence": gap.closure(evidence), "fits": gap.closure(fitted.heldout), "both": gap.closure(both)}

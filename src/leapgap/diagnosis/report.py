@@ -1,22 +1,63 @@
 """The report of a diagnosis as data: the contract of ``report.json``."""
 
+import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
+
+import numpy as np
 
 from leapgap.diagnosis.best_simulator import BestSimulator
 from leapgap.diagnosis.checks import CheckResult
-from leapgap.diagnosis.closure import Interval
-from leapgap.diagnosis.closure_by_source import ClosureBySource
 from leapgap.diagnosis.descriptions import DescriptionFigures
 from leapgap.diagnosis.engine.verdict import Numbers, ResidualForce
 from leapgap.diagnosis.evidence.base import Evidence
+from leapgap.diagnosis.gap import Interval
+from leapgap.diagnosis.horizons import HorizonError
 from leapgap.diagnosis.localisation import Place
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
-from leapgap.diagnosis.provenance import Provenance
+from leapgap.logs.log import Log
+from leapgap.robot.model import Robot
 
+TOOLS = ("leapgap", "mujoco", "numpy")
 FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Hashes of logs and robot, settings and versions of tools behind a report."""
+
+    logs: Mapping[str, str]
+    """SHA-256 of each log by its name, of its file where the caller names it, else of its content."""
+    versions: Mapping[str, str]  # Versions of the packages that influence the results
+    robot: str  # SHA-256 of the model file
+    config: Mapping[str, Any]  # The settings of the diagnosis
+
+    @staticmethod
+    def of(
+        logs: Sequence[Log], robot: Robot, config: Mapping[str, Any], files: Mapping[str, str] | None = None
+    ) -> "Provenance":
+        """Provenance of some logs; ``files`` holds the SHA-256 of the file of each log by its name, if known."""
+        digests = {log.name: content_sha256(log) for log in logs} if files is None else dict(files)
+        return Provenance(digests, {name: installed_version(name) for name in TOOLS}, robot.sha256, config)
+
+
+def content_sha256(log: Log) -> str:
+    """SHA-256 of the metadata and all columns as 64-bit floats; the order of columns does not matter."""
+    digest = hashlib.sha256(log.info.to_json().encode())
+    for name in sorted(log.columns):
+        digest.update(name.encode() + b"\0" + np.ascontiguousarray(log[name], dtype="<f8").tobytes())
+    return digest.hexdigest()
+
+
+def installed_version(package: str) -> str:
+    """Version of a package, or ``not installed``."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 @dataclass(frozen=True)
@@ -65,16 +106,6 @@ class Headline:
 
 
 @dataclass(frozen=True)
-class HorizonError:
-    """The headline gap of replays that restart from the log after a horizon."""
-
-    horizon_s: float | None  # None: whole logs
-    nominal: float
-    corrected: float  # On held-out logs
-    unmoved: float  # That of a robot that does not move at each start
-
-
-@dataclass(frozen=True)
 class ReportContent:
     """All results of a diagnosis; ``report.json`` holds them."""
 
@@ -89,8 +120,8 @@ class ReportContent:
     closure_of_answer: Interval | None
     closure_shared: Interval | None
     """Explained share with one value shared by all logs, where the values of a cause differ by log."""
-    closure_by_source: ClosureBySource | None
-    """What evidence alone, fits alone and both explain, where evidence gives numbers of the causes."""
+    closures_by_source: Mapping[str, Interval]
+    """What ``evidence`` alone, ``fits`` alone and ``both`` explain; empty where evidence gives no number of a cause."""
     where: tuple[Place, ...]
     causes: tuple[Cause, ...]
     checks: tuple[CheckResult, ...]
@@ -119,11 +150,6 @@ class ReportContent:
         ordered = sorted(self.gap_per_log, key=lambda name: self.gap_per_log[name]["nominal"])
         return ordered[len(ordered) // 2]
 
-    @property
-    def closures_by_source(self) -> dict[str, Interval]:
-        """Closures by ``evidence`` alone, ``fits`` alone and ``both``; empty where there is no evidence."""
-        return dict(vars(self.closure_by_source)) if self.closure_by_source else {}
-
     def landing_off_cm(self, of: str) -> float | None:
         """Mean absolute error of the trunk's x at touch-down, cm; ``of`` is ``nominal`` or ``corrected``."""
         off = [abs(both[of]) for both in self.landing_misplaced_m.values()]
@@ -131,7 +157,7 @@ class ReportContent:
 
     def to_json(self) -> dict[str, Any]:
         """Content of ``report.json``; numbers have six significant digits, non-finite ones are null."""
-        closure = self.closure_of_answer
+        best = self.best_simulator
         return round_floats(
             {
                 "format_version": FORMAT_VERSION,
@@ -146,31 +172,29 @@ class ReportContent:
                 "headline": asdict(self.headline),
                 "horizons": [asdict(one) for one in self.horizons],
                 "answer": [list(names) for names in self.answer],
-                "closure_of_answer": closure_to_json(closure) if closure else None,
-                "closure_shared": closure_to_json(self.closure_shared) if self.closure_shared else None,
-                "closure_by_source": {source: closure_to_json(one) for source, one in self.closures_by_source.items()},
+                "closure_of_answer": self.closure_of_answer.to_json() if self.closure_of_answer else None,
+                "closure_shared": self.closure_shared.to_json() if self.closure_shared else None,
+                "closure_by_source": {source: one.to_json() for source, one in self.closures_by_source.items()},
                 "where": [asdict(place) for place in self.where],
                 "causes": [
                     {
                         **asdict(cause),
-                        "closure": closure_to_json(cause.closure),
+                        "closure": cause.closure.to_json(),
                         "parameters": {k: asdict(v) for k, v in cause.parameters.items()},
                     }
                     for cause in self.causes
                 ],
                 "checks": [check.to_json() for check in self.checks],
-                "evidence": [one.to_json() for one in self.evidence],
+                "evidence": [asdict(one) for one in self.evidence],
                 "evidence_numbers": asdict(self.evidence_numbers) if self.evidence_numbers else None,
                 "residual_force": [asdict(one) for one in self.residual_force],
-                "descriptions": [
-                    {**one.to_json(), "closure": closure_to_json(one.closure)} for one in self.descriptions
-                ],
+                "descriptions": [{**asdict(one), "closure": one.closure.to_json()} for one in self.descriptions],
                 "next_experiment": self.next_experiment,
                 "not_judged": list(self.not_judged),
                 "set_aside": dict(self.set_aside),
                 "notes": list(self.notes),
                 "outside_forces": [one.to_json() for one in self.outside_forces],
-                "best_simulator": best_to_json(self.best_simulator) if self.best_simulator else None,
+                "best_simulator": {"closure": best.closure.to_json(), **best.to_json()} if best else None,
                 "gap_per_log": self.gap_per_log,
                 "landing_misplaced_m": self.landing_misplaced_m,
                 "provenance": asdict(self.provenance),
@@ -196,16 +220,6 @@ class ReportContent:
                 **{f"closure_described/{one.robot}": one.closure.value for one in self.descriptions},
             }
         )
-
-
-def best_to_json(best: BestSimulator) -> dict[str, Any]:
-    """The best simulator in the form of ``report.json``."""
-    return {"closure": closure_to_json(best.closure), **best.to_json()}
-
-
-def closure_to_json(interval: Interval) -> dict[str, Any]:
-    """A closure in the form of ``report.json``."""
-    return {"heldout": interval.value, "ci95": [interval.low, interval.high]}
 
 
 def round_floats(value: Any) -> Any:

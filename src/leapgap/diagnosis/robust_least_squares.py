@@ -28,10 +28,6 @@ class Products:
         """χ² of each piece for column weights with 1 first, (pieces,)."""
         return np.maximum(((weights @ self.gram) * weights).sum(axis=1), 0.0)
 
-    def loss(self, weights: np.ndarray) -> np.ndarray:
-        """Negative log likelihood of each piece, (pieces,); near 0 where noise explains it."""
-        return losses(self.chi2(weights), self.values)
-
     def fit(self, prior: np.ndarray, furthest: float = np.inf) -> np.ndarray:
         """Weights of the columns with 1 first, that explain all pieces best, by reweighted least squares.
 
@@ -53,7 +49,7 @@ class Products:
 
     def penalised_loss(self, weights: np.ndarray, prior: np.ndarray) -> float:
         """Loss of all pieces plus that of the weights under their prior."""
-        return float(self.loss(weights).sum() + 0.5 * (prior * weights[1:] ** 2).sum())
+        return float(losses(self.chi2(weights), self.values).sum() + 0.5 * (prior * weights[1:] ** 2).sum())
 
 
 def losses(chi2: np.ndarray, values: int) -> np.ndarray:

@@ -5,13 +5,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from leapgap.diagnosis.joint_fit import JointFitSettings
-from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
+from leapgap.diagnosis.outside_forces.outside_force import OutsideForceSettings
 from leapgap.effects.model_field import ModelField
 from leapgap.errors import InputError
 
 LONGEST_HORIZON_S = 1000.0
-ENOUGH_ROWS = 20_000
-"""Number of samples up to which every draw of noise is made."""
+ENOUGH_ROWS = 20_000  # Number of samples up to which every draw of noise is made
 TOLERANCES = {
     "armature.inertia": 0.05,
     "joint_friction.torque_nm": 0.05,
@@ -79,30 +78,26 @@ class Settings:
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing, before any work."""
         counts = {"folds": 2, "pieces_per_log": 1, "most_pieces": 1, "noise_draws": 1, "bootstrap_draws": 1, "seed": 0}
-        for name, least in counts.items():
-            if getattr(self, name) < least:
-                raise wrong_setting(name, getattr(self, name), f"{least} or more")
-        for name, most in (("noise_draws", 10_000), ("bootstrap_draws", 1_000_000)):
-            if getattr(self, name) > most:
-                raise wrong_setting(name, getattr(self, name), f"{counts[name]} to {most}")
-        for name in ("horizon_s", "every_s", "where_horizon_s"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise wrong_setting(name, getattr(self, name), "a time above 0, s")
-        if self.every_s > self.horizon_s:
-            raise wrong_setting("every_s", self.every_s, f"at most horizon_s, {self.horizon_s:g} s")
-        if self.horizon_s > LONGEST_HORIZON_S:
-            raise wrong_setting("horizon_s", self.horizon_s, f"{LONGEST_HORIZON_S:g} s at most")
-        if self.every_s < 1e-6 * self.horizon_s:
-            raise wrong_setting("every_s", self.every_s, "at least a millionth of horizon_s")
+        most = {"noise_draws": 10_000, "bootstrap_draws": 1_000_000}
+        shares = ("model_error", "clock_threshold", "even_threshold", "fall_threshold", "planted_threshold_m")
         sizes = {f"sizes.{name}": size for name, size in self.sizes.items()}
         sizes |= {f"tolerances.{name}": size for name, size in self.tolerances.items()}
-        for name, size in sizes.items():
-            if not 0 < size < np.inf:
-                raise wrong_setting(name, size, "a number above 0")
-        shares = ("model_error", "clock_threshold", "even_threshold", "fall_threshold", "planted_threshold_m")
-        for name in shares:
-            if not 0 <= getattr(self, name) < np.inf:
-                raise wrong_setting(name, getattr(self, name), "a number of 0 or more")
+        own = {name: getattr(self, name) for name in (*counts, "horizon_s", "every_s", "where_horizon_s", *shares)}
+        for name, holds, expected in (
+            *((name, own[name] >= least, f"{least} or more") for name, least in counts.items()),
+            *((name, own[name] <= largest, f"{counts[name]} to {largest}") for name, largest in most.items()),
+            *(
+                (name, 0 < own[name] < np.inf, "a time above 0, s")
+                for name in ("horizon_s", "every_s", "where_horizon_s")
+            ),
+            ("every_s", self.every_s <= self.horizon_s, f"at most horizon_s, {self.horizon_s:g} s"),
+            ("horizon_s", self.horizon_s <= LONGEST_HORIZON_S, f"{LONGEST_HORIZON_S:g} s at most"),
+            ("every_s", self.every_s >= 1e-6 * self.horizon_s, "at least a millionth of horizon_s"),
+            *((name, 0 < size < np.inf, "a number above 0") for name, size in sizes.items()),
+            *((name, 0 <= own[name] < np.inf, "a number of 0 or more") for name in shares),
+        ):
+            if not holds:
+                raise InputError(f"settings.{name}", f"{(own | sizes)[name]}", expected, "correct it")
 
     def pieces(self, logs: int) -> int:
         """Largest number of pieces that are replayed of so many logs together."""
@@ -119,8 +114,3 @@ class Settings:
             "free_fall": self.fall_threshold,
             "planted_feet": self.planted_threshold_m,
         }
-
-
-def wrong_setting(name: str, value: float | str, expected: str) -> InputError:
-    """The refusal of a setting of a diagnosis."""
-    return InputError(f"settings.{name}", f"{value}", expected, "correct it")

@@ -191,16 +191,12 @@ class Pieces:
         noise = state.noise(logged, log)
         return Pieces(log, logged, starts, noise, kept, states.deviation[list(rows)], ages)
 
-    def downsample(self, rows: int) -> "Pieces":
-        """The same pieces with every ``rows``-th row of the log; the estimated noise stays."""
-        starts = self.starts.every(rows)
-        log, logged = self.log.downsample(rows), self.logged[::rows]
-        return replace(self, log=log, logged=logged, starts=starts, ages=self.ages // rows)
-
     def for_steps(self, largest_step_s: float) -> "Pieces":
-        """The same pieces with rows as far apart as a step of the simulation, compared at the same instants."""
-        rows = max(1, round(largest_step_s / self.log.info.sample_period_s))
-        return self.downsample(math.gcd(*self.ages.tolist(), *self.starts.rows, rows))
+        """The same pieces with rows as far apart as a step, compared at the same instants; estimated noise stays."""
+        step = max(1, round(largest_step_s / self.log.info.sample_period_s))
+        rows = math.gcd(*self.ages.tolist(), *self.starts.rows, step)
+        log, logged = self.log.downsample(rows), self.logged[::rows]
+        return replace(self, log=log, logged=logged, starts=self.starts.every(rows), ages=self.ages // rows)
 
     def errors(self, motions: Sequence[Motion], starts: Starts, state: StateChannels) -> np.ndarray:
         """Simulated − logged values of replays from some starts, (starts, ages × channels)."""

@@ -19,14 +19,10 @@ class SimulationSettings(Effect):
     integrator: int | None = None
     other_cone: bool = False
     """Whether the friction cone is the pyramid where the model has the ellipse, and the other way round."""
-    friction_impedance: float = 1.0
-    """Factor on ``impratio``, which stays at least 1."""
-    slack: float = 1.0
-    """Factor on one minus the impedances of all contacts (``solimp``)."""
-    width: float = 1.0
-    """Factor on the depth over which that impedance rises."""
-    contact_time: float = 1.0
-    """Factor on the time constants of all contacts (``solref``)."""
+    friction_impedance: float = 1.0  # Factor on ``impratio``, which stays at least 1
+    slack: float = 1.0  # Factor on one minus the impedances of all contacts (``solimp``)
+    width: float = 1.0  # Factor on the depth over which that impedance rises
+    contact_time: float = 1.0  # Factor on the time constants of all contacts (``solref``)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Put the settings into a model."""

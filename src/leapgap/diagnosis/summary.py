@@ -7,9 +7,8 @@ import numpy as np
 from leapgap import effects
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.channels import is_logged, state_channels
-from leapgap.diagnosis.closure import SIGMAS, Interval
 from leapgap.diagnosis.engine.verdict import Conclusion, Judgement
-from leapgap.diagnosis.gap import HeldOutFigures
+from leapgap.diagnosis.gap import SIGMAS, HeldOutFigures, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.report import Cause, ParameterEstimate

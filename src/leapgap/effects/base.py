@@ -44,16 +44,13 @@ class Parameter:
 class Declaration:
     """Declaration of a parameter by a field of an effect's class, for any robot."""
 
-    nominal: float | None
-    """``None``: the model's own value."""
+    nominal: float | None  # ``None``: the model's own value
     unit: str
     lower: float
     upper: float
     moderate: float | None
-    limits: tuple[float, float]
-    """Range of values that may be set."""
-    logarithmic: bool = False
-    """As in ``Parameter``."""
+    limits: tuple[float, float]  # Range of values that may be set
+    logarithmic: bool = False  # As in ``Parameter``
 
 
 def parameter(
@@ -83,24 +80,18 @@ PARAMETER = "parameter"  # key of a dataclass field's metadata under which its d
 class CommandStage(IntEnum):
     """Stages of a command on its way to the joints, in the order of time."""
 
-    CHOICE = 0
-    """Which command holds in a row; there is one for each row, however long it lasts."""
-    SENDING = 1
-    """When within its row a command is sent."""
-    ARRIVAL = 2
-    """What holds at the joints at each time, whatever row it was sent in."""
+    CHOICE = 0  # Which command holds in a row; there is one for each row, however long it lasts
+    SENDING = 1  # When within its row a command is sent
+    ARRIVAL = 2  # What holds at the joints at each time, whatever row it was sent in
 
 
 @dataclass(frozen=True)
 class Commands:
     """Commands that are sent to the joints in periods of equal length: (periods, joints), joint order of the robot."""
 
-    torque: np.ndarray
-    """Feed-forward, N·m."""
-    position: np.ndarray
-    """Set point of the joint PD, rad."""
-    velocity: np.ndarray
-    """Set point of the joint PD, rad/s."""
+    torque: np.ndarray  # Feed-forward, N·m
+    position: np.ndarray  # Set point of the joint PD, rad
+    velocity: np.ndarray  # Set point of the joint PD, rad/s
     row: np.ndarray | None = None
     """Row of the log in which each period lies, (periods,); None: each is a row of its own."""
 
@@ -118,12 +109,9 @@ class Commands:
 class Load:
     """What the joints carry in steps of equal length, by the commands and the motion: (steps, joints) each."""
 
-    torque: np.ndarray
-    """Of the motors, joint PD included, within their limits, N·m."""
-    velocity: np.ndarray
-    """Of the joints, rad/s."""
-    step_s: float
-    """Step of the simulation, s."""
+    torque: np.ndarray  # Of the motors, joint PD included, within their limits, N·m
+    velocity: np.ndarray  # Of the joints, rad/s
+    step_s: float  # Step of the simulation, s
 
 
 SMALL = 0.01  # departure from nominal by which derivatives are taken, as a share of the moderate one
@@ -142,20 +130,13 @@ class ForceContext:
     """
 
     robot: Robot
-    model: mujoco.MjModel
-    """The nominal model; not to be changed."""
-    qpos: np.ndarray
-    """(steps, nq)"""
-    qvel: np.ndarray
-    """(steps, nv)"""
-    qacc: np.ndarray
-    """(steps, nv): what the velocity changes by in the step, over its length."""
-    commands: Commands
-    """As they were sent, (steps, joints) each."""
-    kp: np.ndarray
-    """Gain of the joint PD, N·m/rad, (steps, joints)."""
-    kd: np.ndarray
-    """N·m·s/rad, (steps, joints)."""
+    model: mujoco.MjModel  # The nominal model; not to be changed
+    qpos: np.ndarray  # (steps, nq)
+    qvel: np.ndarray  # (steps, nv)
+    qacc: np.ndarray  # (steps, nv): what the velocity changes by in the step, over its length
+    commands: Commands  # As they were sent, (steps, joints) each
+    kp: np.ndarray  # Gain of the joint PD, N·m/rad, (steps, joints)
+    kd: np.ndarray  # N·m·s/rad, (steps, joints)
     step_s: float
 
     @cached_property
@@ -224,8 +205,7 @@ class Effect(ABC):
     the feet) is ``None`` by default, and a value that equals the model's own changes nothing either.
     """
 
-    location: str = "all"
-    """Where it acts: all, front, rear, a joint group, a leg, a joint, a foot."""
+    location: str = "all"  # Where it acts: all, front, rear, a joint group, a leg, a joint, a foot
 
     name: ClassVar[str]
     words: ClassVar[str] = ""
@@ -234,12 +214,9 @@ class Effect(ABC):
     """Further names by which it is found; ``called`` says which of them all reports use."""
     by_default: ClassVar[bool] = True
     """Whether a diagnosis looks for it when its settings name no effects; each effect looked for costs time."""
-    differs_per_log: ClassVar[bool] = False
-    """Whether its value may differ from log to log."""
-    needs_base: ClassVar[bool] = False
-    """Whether it exists only on a robot with a free base."""
-    needs_motor: ClassVar[bool] = False
-    """Whether it acts on motors alone, and so at no passive joint."""
+    differs_per_log: ClassVar[bool] = False  # Whether its value may differ from log to log
+    needs_base: ClassVar[bool] = False  # Whether it exists only on a robot with a free base
+    needs_motor: ClassVar[bool] = False  # Whether it acts on motors alone, and so at no passive joint
     in_controller: ClassVar[bool] = False
     """Whether it acts in the joint PD, which a model of the robot alone does not hold."""
     beside_clock: ClassVar[bool] = False
@@ -435,8 +412,7 @@ class MotorEffect(Effect):
 class DriveEffect(MotorEffect):
     """One number of the motors or of their joint PD: a factor on it, or what is added to it."""
 
-    drive_field: ClassVar[str]
-    """Name of the field of ``Drive`` that is scaled or added to."""
+    drive_field: ClassVar[str]  # Name of the field of ``Drive`` that is scaled or added to
 
     def change_drive(self, drive: Drive, robot: Robot) -> Drive:
         """Scale the field by a number that is nominally one, or add to it one that is nominally zero."""
@@ -452,8 +428,7 @@ class AddedToJoints(Effect):
     places = "joints"
     along_joints = True
 
-    model_field: ClassVar[str]
-    """Field of MuJoCo's model, a row a degree of freedom; of several columns the first one."""
+    model_field: ClassVar[str]  # Field of MuJoCo's model, a row a degree of freedom; of several columns the first one
     most: ClassVar[float] = 0.0
     """Upper end of the search as a share of the motors' largest torque, where that is more than declared."""
 

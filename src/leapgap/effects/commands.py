@@ -86,7 +86,7 @@ class CommandDelay(MotorEffect):
 
 
 @dataclass(frozen=True)
-class LoopDelay(DriveEffect):
+class LoopDelay(DriveEffect, CommandDelay):
     """Time from a measurement to the torque of the joint PD that answers it; feed-forward and set points are as late.
 
     The PD acts on the state of ``delay_s`` ago, which is taken to second order: q(t − d) = q − d q̇ + d² q̈ / 2. So kd
@@ -105,19 +105,6 @@ class LoopDelay(DriveEffect):
     def force(cls, at: ForceContext, location: str = "all") -> np.ndarray | None:
         """Commands and joint PD are late."""
         return at.at_motors(location, at.within * (at.late(at.sent) + at.kp * at.velocity + at.kd * at.acceleration))
-
-    @property
-    def memory_s(self) -> float:
-        """All of the delay."""
-        return self.delay_s
-
-    def change_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
-        """Shift the commands of the joints."""
-        return CommandDelay(self.location, delay_s=self.delay_s).change_commands(commands, period_s, robot)
-
-    def change_newest_commands(self, commands: Commands, period_s: float, robot: Robot) -> Commands:
-        """Shift the last of the commands of the joints."""
-        return CommandDelay(self.location, delay_s=self.delay_s).change_newest_commands(commands, period_s, robot)
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,9 @@ class FootContacts:
     """MuJoCo's contact parameters of some feet on the ground, one row a foot."""
 
     condim: np.ndarray
-    friction: np.ndarray
-    """(feet, 3): sliding, torsional, rolling."""
-    solref: np.ndarray
-    """(feet, 2)"""
-    solimp: np.ndarray
-    """(feet, 5)"""
+    friction: np.ndarray  # (feet, 3): sliding, torsional, rolling
+    solref: np.ndarray  # (feet, 2)
+    solimp: np.ndarray  # (feet, 5)
 
 
 def foot_geoms(model: mujoco.MjModel, robot: Robot, location: str) -> np.ndarray:

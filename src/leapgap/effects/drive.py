@@ -22,26 +22,17 @@ COOLING_S = 60.0  # time constant with which the windings of small motors give t
 class Drive:
     """Motors of all joints, shape (joints,) each, joint order of the robot."""
 
-    kp_scale: np.ndarray
-    """Ratio of the joint PD's acting stiffness to the one that was sent."""
-    kd_scale: np.ndarray
-    """The same of its damping."""
-    limit_scale: np.ndarray
-    """Ratio of the torque limit to the model's."""
-    gain: np.ndarray
-    """Ratio of delivered to commanded torque; it scales the torque limit too."""
-    voltage_v: np.ndarray
-    """Limit of |R τ + q̇|, V; infinite: no limit."""
-    lag_s: np.ndarray
-    """Time constant with which the delivered torque follows the commanded one; 0: at once."""
-    filter_s: np.ndarray
-    """Time constant of the filter of the joint velocity that the joint PD feeds back; 0: none."""
-    resistance: np.ndarray
-    """Of the windings, V/(N·m); NaN: that of the robot's motors."""
+    kp_scale: np.ndarray  # Ratio of the joint PD's acting stiffness to the one that was sent
+    kd_scale: np.ndarray  # The same of its damping
+    limit_scale: np.ndarray  # Ratio of the torque limit to the model's
+    gain: np.ndarray  # Ratio of delivered to commanded torque; it scales the torque limit too
+    voltage_v: np.ndarray  # Limit of |R τ + q̇|, V; infinite: no limit
+    lag_s: np.ndarray  # Time constant with which the delivered torque follows the commanded one; 0: at once
+    filter_s: np.ndarray  # Time constant of the filter of the joint velocity that the joint PD feeds back; 0: none
+    resistance: np.ndarray  # Of the windings, V/(N·m); NaN: that of the robot's motors
     delay_s: np.ndarray
     """Time from a measurement to the torque with which the joint PD answers it; 0: the PD runs at the joint."""
-    heating: np.ndarray
-    """Growth of the windings' resistance by their heat, as a share of it: 1/(N²m²s); 0: none."""
+    heating: np.ndarray  # Growth of the windings' resistance by their heat, as a share of it: 1/(N²m²s); 0: none
 
     @staticmethod
     def ideal(joints: int) -> "Drive":

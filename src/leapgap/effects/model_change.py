@@ -51,12 +51,9 @@ GAINS = {"gain": "torque_gain", "kp": "position_gain", "kd": "velocity_gain", "l
 class StatedChange:
     """One change that somebody's model makes to the nominal one."""
 
-    title: str
-    """Number and part in words, such as ``damping of elbow``."""
-    says: str
-    """``0.05 → 0.45``"""
-    effect: Effect
-    """It adds the whole change to the nominal robot."""
+    title: str  # Number and part in words, such as ``damping of elbow``
+    says: str  # ``0.05 → 0.45``
+    effect: Effect  # It adds the whole change to the nominal robot
 
 
 @dataclass(frozen=True)
@@ -64,10 +61,8 @@ class Difference:
     """Numbers of one element of a model in two files."""
 
     field: str
-    element: str
-    """Name of the body, joint or geom; empty for the whole simulation."""
-    row: int
-    """Index of the element in both files, for bodies without a name."""
+    element: str  # Name of the body, joint or geom; empty for the whole simulation
+    row: int  # Index of the element in both files, for bodies without a name
     before: np.ndarray
     after: np.ndarray
 

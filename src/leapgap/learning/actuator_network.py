@@ -20,7 +20,7 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 from torch import nn
 
-from leapgap.diagnosis.outside_forces.inverse_dynamics import Instants, inverse_dynamics, without_constraints
+from leapgap.diagnosis.outside_forces.model_errors import Instants, inverse_dynamics, without_constraints
 from leapgap.effects.base import Commands, Effect, ForceContext
 from leapgap.errors import InputError
 from leapgap.logs.derivatives import velocity_fit

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 from leapgap.diagnosis.departing_logs import check_motion, without_departing
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.localisation import Place
-from leapgap.diagnosis.provenance import Provenance
-from leapgap.diagnosis.report import Cause, ReportContent
+from leapgap.diagnosis.report import Cause, Provenance, ReportContent
 from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError

@@ -9,9 +9,9 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from leapgap import effects
+from leapgap.diagnosis.horizons import RestartedReplayer
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.report import Cause, ReportContent
-from leapgap.diagnosis.restarts import RestartedReplayer
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.diagnosis.summary import brief
 from leapgap.effects import effect_words

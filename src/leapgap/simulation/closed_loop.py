@@ -188,10 +188,6 @@ class Plant:
         torque = np.clip(control - kp * position - kd * velocity, -limits, limits) * self.drive.gain
         return Load(torque[None], velocity[None], float(self.model.opt.timestep))
 
-    def disturb(self, actions: Sequence[Disturbance], time_s: float) -> None:
-        """Apply the disturbances that act at a time; the next ``send`` simulates them."""
-        disturb(self.model, self.data, self.robot.base_body, actions, time_s)
-
     def _arriving(self) -> Commands:
         """The newest commands as they reach the joints."""
         sent = self.sent[-1]
@@ -258,7 +254,7 @@ def run_closed_loop(
         command = controller.command(estimate(row * period, of_base, measured[row], touching[row]))
         since = disturbed_from() if disturbances else None
         if since is not None:
-            plant.disturb(disturbances, row * period - since)
+            disturb(plant.model, plant.data, robot.base_body, disturbances, row * period - since)
         plant.send(command)
     measured_motion = Motion(np.concatenate([m.qpos for m in measured]), np.concatenate([m.qvel for m in measured]))
     truth = Motion(*(np.array(part) for part in zip(*plant.truth[:rows], strict=True)))

@@ -202,7 +202,7 @@ def joint_numbers(robot: Robot, correction: Sequence[Effect], model: mujoco.MjMo
     delay, bias = np.zeros(count), np.zeros(count)
     for effect in correction:
         drive = effect.change_drive(drive, robot)
-        if isinstance(effect, CommandDelay):
+        if type(effect) is CommandDelay:
             delay[robot.joints_at(effect.location)] += effect.delay_s
         if isinstance(effect, EncoderBias):
             bias[robot.joints_at(effect.location)] += effect.bias_rad

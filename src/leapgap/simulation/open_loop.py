@@ -66,8 +66,12 @@ def prepare(
         misplace_joints(hold_first_command(log, course.settle_s), plan, robot)
         for log, plan in zip(commanded, plans, strict=True)
     ]
-    standing = [replayer.first_state(Rollout(log)) for log in held]
-    standing = [raise_on_blocks(state, plan, robot) for state, plan in zip(standing, plans, strict=True)]
+    standing = []
+    for log, plan in zip(held, plans, strict=True):
+        state = replayer.first_state(Rollout(log))
+        state = raise_front(state, plan.block_height_m - plan.rear_block_height_m, robot)
+        state[2] += plan.rear_block_height_m
+        standing.append(state)
     settling = [Rollout(log, effects) for log in held]
     settling = [
         replace(trial, first_state=lift_out_of_ground(trial, state, replayer))
@@ -129,13 +133,6 @@ def misplace_joints(log: Log, plan: MotionPlan, robot: Robot) -> Log:
         for name in (f"cmd_pos/{joint}", f"joint_pos/{joint}"):
             columns[name] = columns[name] + error
     return replace(log, columns=columns)
-
-
-def raise_on_blocks(state: np.ndarray, plan: MotionPlan, robot: Robot) -> np.ndarray:
-    """The first state (nq + nv,) with the feet on the plan's blocks."""
-    state = raise_front(state, plan.block_height_m - plan.rear_block_height_m, robot)
-    state[2] += plan.rear_block_height_m
-    return state
 
 
 def with_block(log: Log, plan: MotionPlan, robot: Robot, course: Course) -> Log:

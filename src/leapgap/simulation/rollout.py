@@ -123,12 +123,3 @@ def add_point_mass(model: mujoco.MjModel, body: int, mass: float, at: np.ndarray
     """Add a point mass, kg, at a place in the axes of a body, m, (3,)."""
     away = at - model.body_ipos[body]
     add_mass(model, body, mass, mass * away, mass * square_to(away))
-
-
-def with_loads(model: mujoco.MjModel, log: Log, robot: Robot) -> mujoco.MjModel:
-    """A model with the loads of a log; the model itself where it states none."""
-    if LOAD not in log.info.extra:
-        return model
-    own = model.__copy__()
-    put_loads(own, log, robot)
-    return own

@@ -254,18 +254,14 @@ class RolloutModels:
         acting = overriding(trial.effects, "change_measured")
         if not acting:
             return motion
-        sensors, time = motion.sensors, self._uneven_time(trial, len(motion), steps)
+        sensors, time = motion.sensors, None
+        if not trial.log.is_even:
+            between = self.row_steps(trial)[: len(motion) - 1] if steps is None else steps
+            time = np.concatenate([[0.0], np.cumsum(between)]) * (trial.period_s / self.substeps(trial.log))
         for effect in acting:
             timed = replace(motion, sensors=sensors, time=time)
             motion = effect.change_measured(timed, trial.period_s, self.robot)
         return replace(motion, sensors=sensors, time=None)
-
-    def _uneven_time(self, trial: Rollout, rows: int, steps: np.ndarray | None) -> np.ndarray | None:
-        """Instants of rows of unequal length, s since the first, (rows,); None where the log's rows are even."""
-        if trial.log.is_even:
-            return None
-        between = self.row_steps(trial)[: rows - 1] if steps is None else steps
-        return np.concatenate([[0.0], np.cumsum(between)]) * (trial.period_s / self.substeps(trial.log))
 
     def first_state(self, trial: Rollout) -> np.ndarray:
         """True positions and velocities at the log's first row, (nq + nv,), by what the log reports.

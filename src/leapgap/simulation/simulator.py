@@ -28,18 +28,12 @@ class Reading:
     """What the sensors of a robot report at one time; of a robot without a free base, None for the base."""
 
     time_s: float
-    joint_pos: np.ndarray
-    """(joints,), rad; joints of the model in its order, passive ones with them."""
-    joint_vel: np.ndarray
-    """(joints,), rad/s."""
-    base_pos: np.ndarray | None = None
-    """(3,), m."""
-    base_quat: np.ndarray | None = None
-    """(4,), base to world, w x y z."""
-    base_linvel: np.ndarray | None = None
-    """(3,), m/s, in the world."""
-    base_angvel: np.ndarray | None = None
-    """(3,), rad/s, in base axes."""
+    joint_pos: np.ndarray  # (joints,), rad; joints of the model in its order, passive ones with them
+    joint_vel: np.ndarray  # (joints,), rad/s
+    base_pos: np.ndarray | None = None  # (3,), m
+    base_quat: np.ndarray | None = None  # (4,), base to world, w x y z
+    base_linvel: np.ndarray | None = None  # (3,), m/s, in the world
+    base_angvel: np.ndarray | None = None  # (3,), rad/s, in base axes
 
     @staticmethod
     def of(motion: Motion, robot: Robot, time_s: float) -> "Reading":

@@ -10,12 +10,11 @@ import numpy as np
 
 from leapgap import effects
 from leapgap.diagnosis.channels import channel_errors, sensor_noise
+from leapgap.diagnosis.experiment_plans import Given
 from leapgap.diagnosis.experiments import plans_of
-from leapgap.diagnosis.experiments.given import Given
-from leapgap.diagnosis.gap import headline_gap
+from leapgap.diagnosis.gap import headline_gap, noise_floor
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.localisation import least_noise, phase_names, pieces_of
-from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.effects.base import Effect
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log

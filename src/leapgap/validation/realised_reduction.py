@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.diagnosis.checks.joint_clock import JointClock
-from leapgap.diagnosis.gap import candidate_squares, headline_gap
+from leapgap.diagnosis.checks.clocks import JointClock
+from leapgap.diagnosis.gap import candidate_squares, headline_gap, noise_floor
 from leapgap.diagnosis.judged_logs import JudgedLogs
-from leapgap.diagnosis.noise_floor import noise_floor
 from leapgap.effects.base import Effect
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot

@@ -1,7 +1,6 @@
 """Do the joints stay within the ranges that the model states?"""
 
 from collections.abc import Sequence
-from typing import ClassVar
 
 from leapgap.diagnosis.checks.base import Check, CheckResult
 from leapgap.logs.log import Log
@@ -14,7 +13,7 @@ class JointRanges(Check):
 
     name = "joint_ranges"
     threshold = BEYOND
-    place: ClassVar[int] = 6
+    place = 6
 
     def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
         """Take how far any joint goes beyond its range, as a share of the range; nothing where no joint has one."""

@@ -1,7 +1,6 @@
 """Does every row of a log last equally long, and does it show new samples, by the motion of the joints?"""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
@@ -19,7 +18,7 @@ class EvenRows(Check):
 
     name = "row_clock"
     threshold = UNEVEN
-    place: ClassVar[int] = 0
+    place = 0
     needs_robot = False
     velocities_in_time = True
     needs_all_rows = True
@@ -73,7 +72,7 @@ def in_words(clocks: Mapping[str, RowClock], statistic: float, stale: float) -> 
     repeated = [clock.repeated for clock in every]
     if np.median(repeated) > 0:
         said.append(f"{100 * float(np.median(repeated)):.0f} % of the samples repeat the one before")
-    stalls = [stalls_of(clock) for clock in every]
+    stalls = [int((clock.lengths >= max(STALL_S, STALL_ROWS * float(clock.lengths.mean()))).sum()) for clock in every]
     if max(stalls):
         said.append(f"{min(stalls)} to {max(stalls)} stalls of {1000 * STALL_S:g} ms or more a log")
     steps = {clock.step_s for clock in every}
@@ -89,8 +88,3 @@ def in_words(clocks: Mapping[str, RowClock], statistic: float, stale: float) -> 
         )
     received = "; they were written by a process that receives messages" if np.median(repeated) > 0 else "; they are"
     return f"{', '.join(said)}{received} of a simulation or controller with steps of {1000 * step:g} ms"
-
-
-def stalls_of(clock: RowClock) -> int:
-    """Number of rows that last much longer than others."""
-    return int((clock.lengths >= max(STALL_S, STALL_ROWS * float(clock.lengths.mean()))).sum())

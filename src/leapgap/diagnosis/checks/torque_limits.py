@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -45,7 +44,7 @@ class TorqueLimits(Check):
 
     name = "torque_limits"
     threshold = 0.5
-    place: ClassVar[int] = 7
+    place = 7
     velocities_in_time = True
 
     def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:

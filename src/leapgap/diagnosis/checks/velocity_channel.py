@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 
@@ -25,7 +24,7 @@ class VelocityChannel(Check):
 
     name = "velocity_channel"
     threshold = 1.0
-    place: ClassVar[int] = -1
+    place = -1
     needs_robot = False
     needs_all_rows = True
 
@@ -36,7 +35,10 @@ class VelocityChannel(Check):
         found = {log.name: columns for log in logs if (columns := columns_of(log, robot))}
         if not found:
             return None
-        joints = {joint: [columns[joint] for columns in found.values() if joint in columns] for joint in of_any(found)}
+        joints: dict[str, list[VelocityColumn]] = {}
+        for columns in found.values():
+            for joint, column in columns.items():
+                joints.setdefault(joint, []).append(column)
         worst = {name: max(map(ratio, columns.values())) for name, columns in found.items()}
         statistic = float(np.median(list(worst.values())))
         bad = {
@@ -56,11 +58,6 @@ class VelocityChannel(Check):
 def columns_of(log: Log, robot: Robot | None) -> dict[str, VelocityColumn]:
     """What each joint's velocity column of a log is."""
     return velocity_columns(log, joints_of([log], robot), fit_window_s(log))
-
-
-def of_any(found: Mapping[str, Mapping[str, VelocityColumn]]) -> list[str]:
-    """Joints of any log, in their order."""
-    return list(dict.fromkeys(joint for columns in found.values() for joint in columns))
 
 
 def ratio(column: VelocityColumn) -> float:

@@ -18,7 +18,8 @@ from functools import partial
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import Candidate, clip_numbers, in_words, nominal_candidate
+from leapgap.diagnosis.candidates import PLACES, Candidate, Undecided, clip_numbers, in_words, nominal_candidate
+from leapgap.diagnosis.candidates import Rival as OpenFit
 from leapgap.diagnosis.engine.search import LEAST_GAIN, LEAST_SHARE, UNNAMED, Found, Search, few_of_each, screen
 from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks
 from leapgap.diagnosis.full_rollouts import FullRollouts
@@ -26,8 +27,6 @@ from leapgap.diagnosis.gap import HeldOutFigures, HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
 from leapgap.diagnosis.outside_forces.search import MARGIN_S, place_of
-from leapgap.diagnosis.rival_fits import PLACES, Undecided
-from leapgap.diagnosis.rival_fits import Rival as OpenFit
 from leapgap.effects.base import overrides
 
 SINGLES = 4  # Number of single effects that a report lists beside the answer

@@ -2,8 +2,8 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -31,10 +31,6 @@ class Evidence:
     per_log: dict[str, float]
     says: str
     held: bool = True  # Whether fits hold the value; else they start from it and are drawn towards it, by its spread
-
-    def to_json(self) -> dict[str, Any]:
-        """Its entry of ``report.json``."""
-        return asdict(self)
 
 
 def sure(departs: np.ndarray | float, spread: np.ndarray | float) -> np.ndarray:

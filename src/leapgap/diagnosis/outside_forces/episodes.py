@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from leapgap.diagnosis.evidence.base import NORMAL_MEDIAN
+from leapgap.diagnosis.outside_forces.outside_force import OutsideForceSettings
 from leapgap.diagnosis.outside_forces.residuals import Residual, Residuals
-from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
 
 LENGTHS_S = (0.06, 0.12, 0.24, 0.48)  # Times over which forces are averaged to find moments that stand out
 MOST_QUIET, TAIL = 0.8, 0.95
@@ -89,7 +89,8 @@ def largest_of_each_moment(episodes: Sequence[Episode]) -> list[Episode]:
     """One moment of those that overlap in a log: a push at one joint is seen at its neighbours, too."""
     kept: list[Episode] = []
     for one in sorted(episodes, key=lambda one: -abs(one.size)):
-        if not any(one.log == other.log and overlap_s(one, other) > 0 for other in kept):
+        same = (other for other in kept if other.log == one.log)
+        if not any(min(one.end_s, other.end_s) > max(one.begin_s, other.begin_s) for other in same):
             kept.append(one)
     return kept
 
@@ -108,11 +109,6 @@ def in_most_logs(episode: Episode, every: Sequence[Episode], logs: int) -> bool:
         and abs(one.time_s - episode.time_s) < SAME_TIME_S
     }
     return len(others) >= max(2, (logs - 1) / 2)
-
-
-def overlap_s(one: Episode, other: Episode) -> float:
-    """How long two moments of a log overlap, s; negative: the time between them."""
-    return min(one.end_s, other.end_s) - max(one.begin_s, other.begin_s)
 
 
 def swings(residual: Residual, force: np.ndarray, episode: Episode) -> bool:

@@ -5,15 +5,17 @@ the model, so that a push of half a second hardly moves them. Gains of the motor
 and every torque could shrink to nothing together.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from leapgap.diagnosis.evidence.base import NORMAL_MEDIAN
-from leapgap.diagnosis.outside_forces.inverse_dynamics import Instants, inverse_dynamics
 
+CONSTRAINTS = ("CONTACT", "LIMIT", "FRICTIONLOSS", "EQUALITY")
+"""Parts of a model without which its inverse dynamics is smooth in the motion."""
 LIGHT_KG = 1e-6  # A lighter body has no mass that could be wrong
 STILL = 0.1  # A joint slower than this, rad/s or m/s, may stick: friction holds it with any torque up to its own
 INDEPENDENT = 0.1  # Share of the instants that count as independent beside what is believed of the model
@@ -28,6 +30,39 @@ OFFSET, VISCOUS, DRY, DRAG, ARMATURE, LATE_S = 0.5, 0.5, 0.5, 0.1, 0.1, 0.015
 speed; inertia, kg·m²; and the delay of its torque."""
 BODY_NUMBERS, JOINT_KINDS, DRY_KIND = 7, 6, 2
 """Number of departures of a body and of a joint, and which of the latter is dry friction."""
+
+
+@dataclass(frozen=True)
+class Instants:
+    """A smoothed motion of one log at evenly spaced instants."""
+
+    time: np.ndarray  # s, (instants,)
+    qpos: np.ndarray  # (instants, nq)
+    qvel: np.ndarray  # (instants, nv)
+    acceleration: np.ndarray  # (instants, nv)
+    torque: np.ndarray  # Of the motors, as commanded, N·m, (instants, nv)
+    torque_rate: np.ndarray  # N·m/s, (instants, nv)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+def without_constraints(model: mujoco.MjModel) -> mujoco.MjModel:
+    """A copy of a model that nothing stops: without contacts, limits, dry friction and equalities."""
+    free = model.__copy__()
+    for name in CONSTRAINTS:
+        free.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}"))
+    return free
+
+
+def inverse_dynamics(model: mujoco.MjModel, motion: Instants) -> np.ndarray:
+    """Generalised forces that a motion needs, N or N·m, (instants, nv)."""
+    data, found = mujoco.MjData(model), np.empty_like(motion.qvel)
+    for k in range(len(motion)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = motion.qpos[k], motion.qvel[k], motion.acceleration[k]
+        mujoco.mj_inverse(model, data)
+        found[k] = data.qfrc_inverse
+    return found
 
 
 @dataclass(frozen=True)
@@ -109,30 +144,19 @@ def changes_of(model: mujoco.MjModel, motion: Instants, needed: np.ndarray) -> n
 
 
 def changed_bodies(model: mujoco.MjModel) -> Iterator[mujoco.MjModel]:
-    """Models with one number of one body changed by a believed standard deviation."""
-
-    def changed(change: Callable[[mujoco.MjModel], None]) -> mujoco.MjModel:
-        other = model.__copy__()
-        change(other)
-        mujoco.mj_setConst(other, mujoco.MjData(other))
-        return other
-
+    """The model with one number of one body after another changed by a believed standard deviation, in one copy."""
+    other, data = model.__copy__(), mujoco.MjData(model)
     for body in heavy_bodies(model):
-
-        def heavier(other: mujoco.MjModel, body: int = body) -> None:
-            other.body_mass[body] *= 1 + MASS
-
-        yield changed(heavier)
+        changes: list[tuple[str, Any, float, float]] = [("body_mass", body, 1 + MASS, 0.0)]
         for axis in range(3):
-
-            def shifted(other: mujoco.MjModel, body: int = body, axis: int = axis) -> None:
-                other.body_ipos[body, axis] += CENTRE_M
-
-            def wider(other: mujoco.MjModel, body: int = body, axis: int = axis) -> None:
-                other.body_inertia[body, axis] *= 1 + INERTIA
-
-            yield changed(shifted)
-            yield changed(wider)
+            at = body, axis
+            changes += [("body_ipos", at, 1.0, CENTRE_M), ("body_inertia", at, 1 + INERTIA, 0.0)]
+        for name, at, factor, added in changes:
+            values, before = getattr(other, name), getattr(model, name)[at]
+            values[at] = factor * before + added
+            mujoco.mj_setConst(other, data)
+            yield other
+            values[at] = before
 
 
 def heavy_bodies(model: mujoco.MjModel) -> list[int]:

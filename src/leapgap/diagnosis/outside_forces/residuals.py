@@ -11,15 +11,21 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from leapgap.diagnosis.outside_forces.inverse_dynamics import Instants, inverse_dynamics, without_constraints
-from leapgap.diagnosis.outside_forces.model_errors import BODY_NUMBERS, ModelErrors, heavy_bodies
+from leapgap.diagnosis.outside_forces.model_errors import (
+    BODY_NUMBERS,
+    Instants,
+    ModelErrors,
+    heavy_bodies,
+    inverse_dynamics,
+    without_constraints,
+)
 from leapgap.diagnosis.short_rollouts import smooth_starts
 from leapgap.logs.log import Log
 from leapgap.logs.state import States, motor_torques
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, TWIST_SLICE, VELOCITY_SLICE
 from leapgap.simulation.replay import Replayer
-from leapgap.simulation.rollout import Rollout, with_loads
+from leapgap.simulation.rollout import LOAD, Rollout, put_loads
 
 EVERY_S, MOST_EVALUATIONS = 0.01, 150_000
 """Forces are computed at this interval, or at a longer one that needs no more inverse dynamics of all logs together."""
@@ -96,9 +102,10 @@ class ByInverseDynamics:
 
 def without_loads(motion: Instants, log: Log, robot: Robot) -> Instants:
     """The motion with the torque that is left for the robot itself beside the known loads of its log."""
-    loaded = with_loads(robot.model, log, robot)
-    if loaded is robot.model:
+    if LOAD not in log.info.extra:
         return motion
+    loaded = robot.model.__copy__()
+    put_loads(loaded, log, robot)
     bare, whole = (inverse_dynamics(without_constraints(model), motion) for model in (robot.model, loaded))
     return replace(motion, torque=motion.torque - (whole - bare))
 

@@ -6,17 +6,20 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from leapgap.diagnosis.closure import SIGMAS
+from leapgap.diagnosis.channels import tangent_difference
+from leapgap.diagnosis.gap import SIGMAS
 from leapgap.diagnosis.judged_logs import JudgedLogs, is_jump
 from leapgap.diagnosis.outside_forces.episodes import Episode, episodes_of
-from leapgap.diagnosis.outside_forces.outside_force import OutsideForce
+from leapgap.diagnosis.outside_forces.outside_force import OutsideForce, OutsideForceSettings
 from leapgap.diagnosis.outside_forces.residuals import Pushed, measure
-from leapgap.diagnosis.outside_forces.settings import OutsideForceSettings
+from leapgap.diagnosis.short_rollouts import smooth_starts
+from leapgap.effects.base import Effect
 from leapgap.logs.cutting import rows_between
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import TWIST_SLICE, VELOCITY_SLICE
 from leapgap.simulation.replay import Replayer
+from leapgap.simulation.rollout import Rollout
 
 ROUNDS = 2  # The moments of the first round are left out of what the second one fits and compares
 LEAST_LOGS = 2  # So few logs can be compared with each other; a diagnosis needs as many, too
@@ -24,6 +27,8 @@ SHORTEST_S, LEAST_ROWS = 0.3, 50  # In a shorter log, or in one of fewer rows, n
 MARGIN_S = 0.03  # A force may act so much longer, before and after, than its moment shows
 MODEL_ERROR = 0.1
 """Standard deviation of an impulse because masses and contacts of the model are wrong, as a share of it."""
+EXPLAINED = 0.5
+"""A force is explained where the answer leaves a smaller share of the nominal robot's error of velocity there."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,8 @@ def find_outside_forces(
 ) -> tuple[OutsideForce, ...]:
     """Find the forces from outside that act in some logs, by log and time."""
     logs = judged.logs
-    if len(logs) < LEAST_LOGS or any(is_short(log) for log in logs):
+    short = any(len(log) < LEAST_ROWS or float(log.time[-1] - log.time[0]) < SHORTEST_S for log in logs)
+    if len(logs) < LEAST_LOGS or short:
         return ()
     residuals = measure(judged.states, judged.robot, replayer)
     episodes: list[Episode] = []
@@ -62,11 +68,6 @@ def without_moments(
     if len(parts) < LEAST_LOGS:
         return OutsideForces(forces)
     return OutsideForces(forces, tuple(parts), part_of)
-
-
-def is_short(log: Log) -> bool:
-    """Whether no moment could stand out in a log."""
-    return len(log) < LEAST_ROWS or float(log.time[-1] - log.time[0]) < SHORTEST_S
 
 
 def moments_of(episodes: Sequence[Episode], logs: int) -> Pushed:
@@ -140,3 +141,32 @@ def parts_without(log: Log, forces: Sequence[OutsideForce], least_s: float) -> l
     if is_jump(log):
         return [log.first_rows(end) for begin, end in whole if begin == 0]
     return [rows_between(log, begin, end, f"{log.name}_from_{log.time[begin]:.2f}_s") for begin, end in whole]
+
+
+def unexplained(
+    forces: Sequence[OutsideForce], given: JudgedLogs, replayer: Replayer, answer: Sequence[Effect]
+) -> tuple[OutsideForce, ...]:
+    """The forces that act on the robot with its answer as well, by replays of their moments from the logs' states."""
+    return tuple(force for force in forces if not explains(answer, force, given, replayer))
+
+
+def explains(answer: Sequence[Effect], force: OutsideForce, given: JudgedLogs, replayer: Replayer) -> bool:
+    """Whether the robot with its answer moves through the moment of a force as the log says."""
+    nominal, own = moment_errors([(), tuple(answer)], force, given, replayer)
+    return bool(own < EXPLAINED * nominal)
+
+
+def moment_errors(
+    several: Sequence[tuple[Effect, ...]], force: OutsideForce, given: JudgedLogs, replayer: Replayer
+) -> np.ndarray:
+    """Root mean squares of errors of the velocity that a force changes, in replays of its moment, (sets,)."""
+    (states,) = (of_log for of_log in given.whole if of_log.log.name == force.log)
+    log, robot = states.log, given.robot
+    first, last = np.searchsorted(log.time, [force.begin_s - MARGIN_S, force.end_s + MARGIN_S])
+    last = min(last, len(log) - 1)
+    starts, _ = smooth_starts(states.motion, [int(first)], log, robot)
+    trials = [Rollout(log, effects) for effects in several]
+    pieces = replayer.replay_pieces(trials, [starts] * len(trials), int(last - first) + 1)
+    logged, entry = states.motion[first : last + 1], robot.model.nv + dof_at(force, robot)
+    errors = [tangent_difference(motion, logged, robot)[:, entry] for (motion,) in pieces]
+    return np.sqrt(np.mean(np.square(errors), axis=1))

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from leapgap.diagnosis.closure import SIGMAS, Interval, above_noise
-from leapgap.diagnosis.gap import HeldOutFigures, HeldOutGap, motion_squares
+from leapgap.diagnosis.gap import SIGMAS, HeldOutFigures, HeldOutGap, Interval, closure, headline_gap, motion_squares
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.outside_forces.outside_force import EXTERNAL_PUSH, OutsideForce
 from leapgap.diagnosis.outside_forces.search import OutsideForces
@@ -83,21 +82,10 @@ def closure_without(
 
     squares = motion_squares(heldout.replayer.motions(given.whole_trials()), given)
     number, quiet = given.value_counts, by_log(judged.value_counts)
-    left, least = by_log(after), by_log(heldout.floor)
-
-    def gaps(chosen: np.ndarray) -> tuple[float, float]:
-        values = quiet[chosen].sum()
-        before, end, floor = (
-            float(np.sqrt(s[chosen].sum() / n))
-            for s, n in ((squares, number[chosen].sum()), (left, values), (least, values))
-        )
-        return before, (before - end) / (before - floor) if values > 0 and above_noise(before, floor) else 0.0
-
-    before, share = gaps(np.arange(len(names)))
     rng = np.random.default_rng(0)
-    draws = rng.integers(0, len(names), (len(heldout.draws), len(names)))
-    sample = [gaps(chosen)[1] for chosen in draws if quiet[chosen].sum() > 0]
-    return before, Interval(share, float(np.percentile(sample, 2.5)), float(np.percentile(sample, 97.5)))
+    draws = [one for one in rng.integers(0, len(names), (len(heldout.draws), len(names))) if quiet[one].sum() > 0]
+    share = closure(squares, by_log(after), by_log(heldout.floor), quiet, draws, number)
+    return headline_gap(squares, given), share
 
 
 def cause_of(forces: Sequence[OutsideForce], logs: Sequence[str], closes: Interval, gap: float) -> Cause:

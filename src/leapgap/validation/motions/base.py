@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from leapgap.diagnosis.experiments.plans import planned
+from leapgap.diagnosis.experiment_plans import planned
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.kinematics import feet_positions
