@@ -1,12 +1,13 @@
 """Settings of the actuators as simulators with joint PDs of their own take them, by joint."""
 
+import re
 from abc import abstractmethod
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import ClassVar
 
-from leapgap.export.base import CorrectedRobot, Export, exactly, literal
+from leapgap.export.base import CorrectedRobot, Export, literal
 from leapgap.runtime.atomic_io import write_text
 
 
@@ -26,7 +27,7 @@ class ActuatorSettings:
     @staticmethod
     def of(corrected: CorrectedRobot) -> "ActuatorSettings":
         """The settings of a corrected robot."""
-        robot, numbers = corrected.robot, corrected.corrected.joints
+        robot, numbers = corrected.robot, corrected.corrected
         driven = [(i, joint) for i, joint in enumerate(robot.joints) if robot.driven[i]]
 
         def by_joint(key: str) -> dict[str, float]:
@@ -35,7 +36,7 @@ class ActuatorSettings:
         gain, gains = by_joint("torque_gain"), corrected.gains
         of_kp, of_kd = by_joint("position_gain"), by_joint("velocity_gain")
         limits, delay = by_joint("torque_limit"), by_joint("command_delay_s")
-        ranges = corrected.joint_ranges.get("command_delay_s", {})
+        ranges = corrected.ranges["joints"].get("command_delay_s", {})
         return ActuatorSettings(
             {joint: gains[joint][0] * gain[joint] * of_kp[joint] if joint in gains else None for joint in gain},
             {joint: gains[joint][1] * gain[joint] * of_kd[joint] if joint in gains else None for joint in gain},
@@ -53,7 +54,7 @@ class ActuatorSettings:
     @property
     def source(self) -> str:
         """All settings as Python source; simulators take the joints' names as expressions."""
-        values = {key: {exactly(joint): value for joint, value in of.items()} for key, of in vars(self).items()}
+        values = {key: {re.escape(joint): value for joint, value in of.items()} for key, of in vars(self).items()}
         says = {"encoder_bias": "reported - true: add it to observed joint positions", "delay_s": "least and largest"}
         lines = [f"# {key.upper()}: {words}\n" for key, words in says.items()]
         return "".join([*lines, *(f"{key.upper()} = {literal(of)}\n" for key, of in values.items())])

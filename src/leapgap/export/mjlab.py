@@ -1,7 +1,9 @@
 """Actuators and randomisation for mjlab."""
 
+import re
+
 from leapgap.export.actuators import ActuatorSettings, PythonExport
-from leapgap.export.base import CorrectedRobot, exactly, literal
+from leapgap.export.base import CorrectedRobot, literal
 
 SOURCE = '''\
 """A corrected robot for mjlab 1.6: put `actuators(dt)` into `EntityArticulationInfoCfg` and `EVENTS` among the events.
@@ -86,8 +88,7 @@ class Mjlab(PythonExport):
 
     def further(self, corrected: CorrectedRobot) -> dict[str, str]:
         """Ranges of joints, bodies and feet."""
-        ranges = corrected.joint_ranges | corrected.body_ranges
-        if corrected.foot_ranges:
-            ranges["foot_friction"] = corrected.foot_ranges
-        plain = {key: {exactly(name): (one.low, one.high) for name, one in of.items()} for key, of in ranges.items()}
+        of = corrected.ranges
+        ranges = of["joints"] | of["bodies"] | {f"foot_{key}": own for key, own in of["feet"].items()}
+        plain = {key: {re.escape(name): (one.low, one.high) for name, one in of.items()} for key, of in ranges.items()}
         return {"ranges": literal(plain)}

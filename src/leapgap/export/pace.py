@@ -1,7 +1,9 @@
 """Actuators for PACE, by the keys of its configuration and the order of its parameters."""
 
+import re
+
 from leapgap.export.actuators import ActuatorSettings, PythonExport
-from leapgap.export.base import CorrectedRobot, exactly, literal
+from leapgap.export.base import CorrectedRobot, literal
 
 SOURCE = '''\
 """A corrected robot for PACE 0.2 (`pace_sim2real`, on Isaac Lab 2.3).
@@ -66,4 +68,4 @@ class Pace(PythonExport):
 
     def further(self, corrected: CorrectedRobot) -> dict[str, str]:
         """The names of the joints, and as they stand in expressions."""
-        return {"names": literal({joint: exactly(joint) for joint in corrected.robot.driven_joints})}
+        return {"names": literal({joint: re.escape(joint) for joint in corrected.robot.driven_joints})}
