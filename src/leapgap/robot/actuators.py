@@ -42,13 +42,19 @@ def replace_actuators(spec: mujoco.MjSpec, own: Sequence[JointActuator]) -> None
         give_to_joint(joint, motor)
         if not joint.actgravcomp:
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # the limit is the actuator's, and scales with it
+    forget_removed(spec)
+    if not any(motor.has_bias for motor in own):
+        take_pd_once_a_step(spec)
+
+
+def forget_removed(spec: mujoco.MjSpec) -> None:
+    """Remove the sensors that read actuators which are no longer there, and the controls of keyframes."""
+    present = {actuator.name for actuator in spec.actuators}
     for sensor in list(spec.sensors):
-        if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR and sensor.objname not in taken:
+        if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR and sensor.objname not in present:
             spec.delete(sensor)
     for key in spec.keys:
         key.ctrl, key.act = [], []
-    if not any(motor.has_bias for motor in own):
-        take_pd_once_a_step(spec)
 
 
 def give_to_joint(joint: mujoco.MjsJoint, motor: JointActuator) -> None:

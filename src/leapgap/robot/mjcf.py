@@ -32,8 +32,9 @@ Meshes count by the bytes of their files.
 def hash_model(model: mujoco.MjModel, motors: MotorConstants | None = None) -> str:
     """SHA-256 of the compiled model and of motors that are stated beside it, the same on every machine."""
     hashed = hashlib.sha256()
-    for part in content(model):
-        hashed.update(part)
+    for name, value in fields(model):
+        hashed.update(f"{name} {value.shape};".encode() + canonical(value))
+    hashed.update(model.names)
     for path in (*asset_paths(model, model.mesh_pathadr), *asset_paths(model, model.hfield_pathadr)):
         if path is not None:
             hashed.update(hashlib.sha256(path.read_bytes()).digest())
@@ -51,15 +52,8 @@ def asset_paths(model: mujoco.MjModel, addresses: np.ndarray) -> list[Path | Non
     ]
 
 
-def content(model: mujoco.MjModel) -> Iterator[bytes]:
-    """Names and values of the fields that count, in the order of their names."""
-    for name, value in fields(model):
-        yield f"{name} {value.shape};".encode() + canonical(value)
-    yield model.names
-
-
 def fields(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
-    """The fields that count, with their values."""
+    """The fields that count, in the order of their names, with their values."""
     for owner, prefix in ((model, ""), (model.opt, "opt.")):
         for name in sorted(dir(owner)):
             if name.startswith(("_", *LEFT_OUT)):

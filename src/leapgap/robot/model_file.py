@@ -4,7 +4,8 @@ Robots of Menagerie are found by the package ``mujoco-menagerie`` (extra ``menag
 takes their files from the folder that ``MENAGERIE_ROOT`` names, a checkout of Menagerie, or from its own cache, which
 it fills by a download when a robot is first asked for."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from itertools import takewhile
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -115,7 +116,6 @@ def readable_urdf(text: str, path: Path) -> tuple[str, tuple[str, ...]]:
     return ElementTree.tostring(root, encoding="unicode"), tuple(notes[:1])
 
 
-FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 BOUNDED = (
     *("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "qpos0", "jnt_axis", "jnt_pos"),
     *("geom_size", "geom_pos", "geom_friction", "dof_armature", "dof_damping", "dof_frictionloss", "jnt_stiffness"),
@@ -127,6 +127,7 @@ LARGEST, SHORTEST_STEP_S, LONGEST_STEP_S = 1e9, 2e-5, 0.1
 ITERATIONS = ("iterations", "ls_iterations", "noslip_iterations", "ccd_iterations", "sdf_iterations")
 MOST_ITERATIONS = 2e7  # largest number of iterations of a solver in a second of a log
 REFUSALS = (ValueError, MemoryError, mujoco.FatalError)  # what MuJoCo raises for a model that it cannot read or compile
+MOST_NAMED = 3  # missing files that a note names
 POSE, TWIST = 7, 6  # numbers of a free joint in ``qpos`` and in ``qvel``
 
 
@@ -244,7 +245,9 @@ def drop_missing_meshes(spec: mujoco.MjSpec, where: object) -> tuple[str, ...]:
         spec.delete(geom)
     for mesh in [mesh for mesh in spec.meshes if mesh.name in missing]:
         spec.delete(mesh)
-    return (f"{len(missing)} visual meshes are left out, since their files are missing: {listed(missing.values())}",)
+    names = ", ".join(list(missing.values())[:MOST_NAMED])
+    more = f" and {len(missing) - MOST_NAMED} more" if len(missing) > MOST_NAMED else ""
+    return (f"{len(missing)} visual meshes are left out, since their files are missing: {names}{more}",)
 
 
 def mesh_file(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> Path:
@@ -262,27 +265,21 @@ def compiles(spec: mujoco.MjSpec) -> bool:
     return True
 
 
-def listed(names: Iterable[str], most: int = 3) -> str:
-    """The first few of some names, and how many more there are."""
-    every = list(names)
-    more = f" and {len(every) - most} more" if len(every) > most else ""
-    return ", ".join(every[:most]) + more
-
-
 def hold_base(spec: mujoco.MjSpec) -> None:
     """Remove the free joint, so that the base is held at the pose of the model file; keyframes lose its numbers."""
-    joints = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
-    if not joints:
+    earlier = list(takewhile(lambda joint: joint.type != mujoco.mjtJoint.mjJNT_FREE, spec.joints))
+    if len(earlier) == len(spec.joints):
         return
-    before = sum(size(joint)[0] for joint in spec.joints[: index(spec, joints[0])])
-    speeds = sum(size(joint)[1] for joint in spec.joints[: index(spec, joints[0])])
+    balls = sum(joint.type == mujoco.mjtJoint.mjJNT_BALL for joint in earlier)
+    position, velocity = len(earlier) + 3 * balls, len(earlier) + 2 * balls  # where the free joint's numbers begin
     for key in spec.keys:
         if len(key.qpos):
-            key.qpos = np.delete(np.array(key.qpos), slice(before, before + POSE))
+            key.qpos = np.delete(np.array(key.qpos), slice(position, position + POSE))
         if len(key.qvel):
-            key.qvel = np.delete(np.array(key.qvel), slice(speeds, speeds + TWIST))
-    base = joints[0].parent
-    spec.delete(joints[0])
+            key.qvel = np.delete(np.array(key.qvel), slice(velocity, velocity + TWIST))
+    free = spec.joints[len(earlier)]
+    base = free.parent
+    spec.delete(free)
     # Forbid contacts of a held base with the links at it
     held, links = [base], list[mujoco.MjsBody]()
     for body in held:  # grows: bodies without a joint are held with the base
@@ -293,15 +290,3 @@ def hold_base(spec: mujoco.MjSpec) -> None:
     for body in held:
         for link in links:
             spec.add_exclude(bodyname1=body.name, bodyname2=link.name)
-
-
-def index(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> int:
-    """Number of a joint in a specification."""
-    return next(i for i, other in enumerate(spec.joints) if other is joint or other.id == joint.id)
-
-
-def size(joint: mujoco.MjsJoint) -> tuple[int, int]:
-    """Numbers of a joint in ``qpos`` and in ``qvel``."""
-    if joint.type == mujoco.mjtJoint.mjJNT_FREE:
-        return POSE, TWIST
-    return (4, 3) if joint.type == mujoco.mjtJoint.mjJNT_BALL else (1, 1)
