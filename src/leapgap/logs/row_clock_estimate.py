@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from leapgap.logs.log import Log
-from leapgap.logs.row_clock import RowClock
-from leapgap.logs.streams import (
+from leapgap.logs.row_clock import (
     BASE,
     CURVATURE,
     MOVES,
     NOISE_WINDOW,
     OUTLIER,
+    RowClock,
     Stream,
     mean_row,
     merge,
@@ -53,10 +53,6 @@ class Samples:
     noise: np.ndarray  # standard deviation of the noise of positions, (channels,)
     velocity_noise: np.ndarray  # standard deviation of the noise of velocities, (channels,)
 
-    def with_delay(self, delay_s: float) -> "Samples":
-        """The same motion with velocities of the instants of its positions, which were so much older."""
-        return replace(self, position=self.position - delay_s * self.velocity)
-
 
 def smooth_lengths(samples: Samples, claimed: np.ndarray) -> np.ndarray:
     """Lengths of all rows but the last around the ``claimed`` ones, s, (rows − 1,), times one factor."""
@@ -65,7 +61,8 @@ def smooth_lengths(samples: Samples, claimed: np.ndarray) -> np.ndarray:
     weight, lasted, delay = np.ones(len(claimed)), claimed, velocity_delay(samples, claimed)
     for _ in range(ROUNDS):
         before = width / np.sqrt(weight)
-        found, spread = smooth(samples.with_delay(delay), lasted, scale * claimed, before)
+        in_time = replace(samples, position=samples.position - delay * samples.velocity)  # velocities are older by it
+        found, spread = smooth(in_time, lasted, scale * claimed, before)
         off = found - scale * claimed
         square = off**2 + spread**2
         weight = (FREEDOM + 1) / (FREEDOM + square / width**2)
@@ -256,12 +253,12 @@ def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
         return None
     claimed = np.diff(log.time)
     # True over claimed length of rows, by all of the motion of a message; ``claimed`` lengths (rows − 1,), s
-    stream = every.channel(moving)
+    stream = every.channels(moving)
     summed = (stream.velocity[1:] + stream.velocity[:-1]) / 2 * claimed[:, None]
     weight = 1 / stream.noise**2
     expected = float((weight * summed * np.diff(stream.position, axis=0)).sum() / (weight * summed**2).sum()) * claimed
-    halves = [lengths_by(every.channel(moving[k::2]), expected) for k in (0, 1)]
-    _, precision = lengths_by(every.channel(moving), expected)
+    halves = [lengths_by(every.channels(moving[k::2]), expected) for k in (0, 1)]
+    _, precision = lengths_by(every.channels(moving), expected)
     if hangs(halves, expected) or scatter_alike(halves, expected, precision):
         return noisy_clock(log, streams, every, np.ones(every.position.shape, dtype=bool))
     instants = np.concatenate([[0.0], np.cumsum(np.maximum(expected, 0.0))])
@@ -272,7 +269,7 @@ def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
 def moving_channels(log: Log, every: Stream) -> list[int]:
     """Channels that move in enough rows to have a say in a clock."""
     period = float(log.time[-1] - log.time[0]) / (len(log) - 1)
-    return [k for k in range(every.position.shape[1]) if every.channel(k).moves(period).mean() > MOVING]
+    return [k for k in range(every.position.shape[1]) if every.channels([k]).moves(period).mean() > MOVING]
 
 
 def scatter_alike(halves: Sequence[tuple[np.ndarray, np.ndarray]], expected: np.ndarray, precision: np.ndarray) -> bool:
@@ -328,7 +325,7 @@ def noisy_clock(log: Log, streams: Sequence[Stream], every: Stream, fresh: np.nd
     if len(moving) < 2:
         return None
     claimed = np.diff(log.time)
-    chosen, fresh = every.channel(moving), fresh[:, moving]
+    chosen, fresh = every.channels(moving), fresh[:, moving]
     noise, velocity_noise = (
         np.array([quiet_noise(values[new, None])[0] for values, new in zip(table.T, fresh.T, strict=True)]) / QUIET
         for table in (chosen.position, chosen.velocity)
