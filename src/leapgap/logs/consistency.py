@@ -52,16 +52,11 @@ def check_times(columns: Columns, where: str) -> None:
     """Raise ``InputError`` where time stands still or runs back from one row to the next."""
     back = np.flatnonzero(np.diff(columns["time"]) <= 0)
     if len(back):
-        found = f"a step of {np.diff(columns['time'])[back[0]]:g} s after row {back[0]}{copies_in_words(columns, back)}"
+        found = f"a step of {np.diff(columns['time'])[back[0]]:g} s after row {back[0]}"
+        if all((values[back] == values[back + 1]).all() for values in columns.values()):
+            found += f" ({len(back)} rows are there twice, equal in every column)"
         do = "sort the rows, or repair the clock"
         raise InputError(f"{where}, column time", found, "strictly increasing times", do)
-
-
-def copies_in_words(columns: Columns, rows: np.ndarray) -> str:
-    """Whether the rows after these are copies of them in every column, in words; empty where they are not."""
-    if not all((values[rows] == values[rows + 1]).all() for values in columns.values()):
-        return ""
-    return f" ({len(rows)} rows are there twice, equal in every column)"
 
 
 def check_commands(columns: Columns, joints: Sequence[str], where: str) -> None:

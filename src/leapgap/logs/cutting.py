@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leapgap.logs.clock import even_clock, held_at, interpolated_at
+from leapgap.logs.clock import even_clock, held_at
 from leapgap.logs.files import check_values_fit
 from leapgap.logs.log import Log
 from leapgap.logs.metadata import ROUNDING_S, Segment
@@ -133,12 +133,12 @@ def on_even_clock(log: Log, period_s: float) -> Log:
     instants = even_clock(log.time, period_s)
     columns: dict[str, np.ndarray] = {}
     for name, values in log.columns.items():
-        at = held_at if name.partition("/")[0] in HELD else interpolated_at
+        at = held_at if name.partition("/")[0] in HELD else np.interp
         columns[name] = at(instants, log.time, values)
     columns["time"] = instants
     if BASE_QUATERNION[0] in log:
         turn = log.stack(BASE_QUATERNION)
-        between = np.stack([interpolated_at(instants, log.time, one) for one in turn.T], axis=1)
+        between = np.stack([np.interp(instants, log.time, one) for one in turn.T], axis=1)
         columns |= zip(BASE_QUATERNION, (between / np.linalg.norm(between, axis=1, keepdims=True)).T, strict=True)
     source = f"{log.info.source}; resampled to {period_s:g} s"
     return replace(log, columns=columns, info=replace(log.info, sample_period_s=period_s, source=source))

@@ -331,16 +331,21 @@ def check_read(log: Log, where: object) -> None:
     check_physics(log.columns, log.joints, where)
 
 
+def log_files(folder: Path) -> list[Path]:
+    """Files of the logs in a folder, in the order of their names; ``InputError`` where it cannot be read."""
+    if not folder.is_dir():
+        raise InputError(folder, "no such folder", "a folder of logs", "convert your logs first: leapgap import")
+    check_folder(folder)
+    return sorted(folder.glob("*.parquet"))
+
+
 def read_logs(folder: Path) -> list[Log]:
     """All logs of a folder, in the order of their names; empty where there is none.
 
     ``InputError`` lists all files that cannot be used; ``reading.read_folder`` goes on without them.
     """
-    if not folder.is_dir():
-        raise InputError(folder, "no such folder", "a folder of logs", "convert your logs first: leapgap import")
-    check_folder(folder)
     logs, errors = [], []
-    for path in sorted(folder.glob("*.parquet")):
+    for path in log_files(folder):
         try:
             logs.append(read_log(path))
         except InputError as error:

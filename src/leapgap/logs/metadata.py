@@ -59,9 +59,8 @@ def contact_segments(time_s: np.ndarray, contact: np.ndarray, feet: Sequence[str
 
 def name_of_stance(contact: np.ndarray, feet: Sequence[str]) -> str:
     """Name of a set of feet in contact: ``all_feet``, ``no_foot``, or ``FL+RR``."""
-    if contact.all():
-        return "all_feet"
-    return "+".join(foot for foot, touches in zip(feet, contact, strict=True) if touches) or "no_foot"
+    touching = [foot for foot, touches in zip(feet, contact, strict=True) if touches]
+    return "all_feet" if len(touching) == len(feet) else "+".join(touching) or "no_foot"
 
 
 def segment_of_rows(segments: Sequence[Segment], time_s: np.ndarray) -> np.ndarray:
@@ -125,8 +124,13 @@ def check_entries(stated: Mapping[str, Any], where: str) -> None:
         check_box(box, f"{where}, terrain[{number}]")
     for number, segment in enumerate(entries(stated, "segments", MOST_SEGMENTS, where)):
         check_segment(segment, f"{where}, segments[{number}]")
-    check_numbers(stated, "schedule", PHASE_LENGTHS, 0.0, LONGEST_S, "s", where)
-    check_numbers(stated, "target", ("x_m", "z_m"), -FARTHEST_M, FARTHEST_M, "m", where)
+    for key, names, low, high, unit in (
+        ("schedule", PHASE_LENGTHS, 0.0, LONGEST_S, "s"),
+        ("target", ("x_m", "z_m"), -FARTHEST_M, FARTHEST_M, "m"),
+    ):
+        found = mapping(stated, key, where)
+        for name in (name for name in names if name in found):
+            check_number(found[name], low, high, unit, f"{where}, {key}.{name}")
     for joint, mass in mapping(stated, "load", where).items():
         check_number(mass, 0.0, HEAVIEST_KG, "kg", f"{where}, load.{joint}")
     for quantity, how in mapping(stated, "derived", where).items():
@@ -153,16 +157,6 @@ def check_segment(segment: Any, where: str) -> None:
     check_number(segment.get("begin_s"), 0.0, LONGEST_S, "s", f"{where}.begin_s")
     if segment.get("end_s") != math.inf:
         check_number(segment.get("end_s"), segment["begin_s"], LONGEST_S, "s", f"{where}.end_s")
-
-
-def check_numbers(
-    stated: Mapping[str, Any], key: str, names: tuple[str, ...], low: float, high: float, unit: str, where: str
-) -> None:
-    """Check the numbers of an entry that is a mapping."""
-    found = mapping(stated, key, where)
-    for name in names if found else ():
-        if name in found:
-            check_number(found[name], low, high, unit, f"{where}, {key}.{name}")
 
 
 def mapping(stated: Mapping[str, Any], key: str, where: str) -> Mapping[str, Any]:
@@ -199,9 +193,8 @@ def check_number(value: Any, low: float, high: float, unit: str, where: str) -> 
 
 def kind_of(value: Any) -> str:
     """A value in words, shortened."""
-    words = {"dict": "an object", "list": "a list", "NoneType": "null"}
-    name = words.get(type(value).__name__)
-    return name or f"{json.dumps(value)[:60]}"
+    words = {"dict": "an object", "list": "a list"}
+    return words.get(type(value).__name__) or json.dumps(value)[:60]
 
 
 def depth(value: Any) -> int:

@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from leapgap.errors import InputError, needs
-from leapgap.logs.clock import held_at, increasing_rows, interpolated_at
+from leapgap.logs.clock import held_at, increasing_rows
 from leapgap.logs.cutting import HELD
 from leapgap.logs.files import MOST_UNPACKED, Bounded, Unpacker, unpack
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
@@ -319,7 +319,7 @@ def join(topics: dict[str, Topic], clock: str, options: RosOptions, path: Path) 
     for topic, one in topics.items():
         kept = increasing_rows(one.time)
         for name, values in one.fields.items():
-            at = held_at if name in held else interpolated_at
+            at = held_at if name in held else np.interp
             arrays[name] = values[rows] if topic == clock else at(instants, one.time[kept], values[kept])
     return arrays | {name: at for topic in whole.keys() - topics.keys() for name, at in whole[topic].fields.items()}
 
