@@ -78,18 +78,16 @@ def names_behind_mark(path: Path, row: int) -> list[str]:
 
 def with_lists(values: np.ndarray, where: str) -> np.ndarray:
     """A column whose cells are lists of numbers as (rows, n); any other as it is."""
-    if values.dtype.kind != "O" or not len(values) or not all(map(is_list, values)):
+    if values.dtype.kind != "O" or not len(values) or not all(isinstance(cell, str) for cell in values):
+        return values
+    cells = [cell.strip() for cell in values]
+    if not all(cell.startswith("[") and cell.endswith("]") for cell in cells):
         return values
     try:
-        rows = [np.array(cell.strip()[1:-1].replace(",", " ").split(), dtype=np.float64) for cell in values]
+        rows = [np.array(cell[1:-1].replace(",", " ").split(), dtype=np.float64) for cell in cells]
     except ValueError:
         return values
     return stacked(rows, where)
-
-
-def is_list(cell: object) -> bool:
-    """Whether a cell is a text in brackets."""
-    return isinstance(cell, str) and cell.strip().startswith("[") and cell.strip().endswith("]")
 
 
 def opened(path: Path) -> BinaryIO:

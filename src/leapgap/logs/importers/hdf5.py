@@ -37,22 +37,19 @@ def hdf5_arrays(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
         import h5py
 
     arrays: dict[str, np.ndarray] = {}
-
-    def take(name: str, item: Any) -> None:
-        if item.shape is None:
-            return
-        names = [name] if item.dtype.names is None else [f"{name}.{one}" for one in item.dtype.names]
-        if not any(map(wanted, names)) or item.dtype.hasobject:
-            return
-        if item.external or item.is_virtual:
-            raise InputError(f"{path}, {name}", "data in another file", "data in this file", "copy them into it")
-        check_size(f"{path}, {name}", item.size * item.dtype.itemsize / 8 + sum(one.size for one in arrays.values()))
-        check_chunks(item, f"{path}, {name}")
-        arrays.update(fields(name, item[()]))
-
     with h5py.File(path, "r") as file:
         for name, item in datasets(file, path):
-            take(name, item)
+            if item.shape is None:
+                continue
+            names = [name] if item.dtype.names is None else [f"{name}.{one}" for one in item.dtype.names]
+            if not any(map(wanted, names)) or item.dtype.hasobject:
+                continue
+            where = f"{path}, {name}"
+            if item.external or item.is_virtual:
+                raise InputError(where, "data in another file", "data in this file", "copy them into it")
+            check_size(where, item.size * item.dtype.itemsize / 8 + sum(one.size for one in arrays.values()))
+            check_chunks(item, where)
+            arrays.update(fields(name, item[()]))
     return arrays
 
 

@@ -50,7 +50,9 @@ def parquet_arrays(path: Path, wanted: Wanted, most_rows: int | None = None) -> 
     while columns:
         name, column = columns.popitem()
         if pa.types.is_struct(column.type):
-            columns |= {f"{name}.{key.name}": pa.chunked_array(field) for key, field in fields_of(column)}
+            for i in range(column.type.num_fields):
+                parts = [chunk.field(i) for chunk in column.chunks]
+                columns[f"{name}.{column.type.field(i).name}"] = pa.chunked_array(parts)
         elif wanted(name):
             arrays[name] = cells(column, f"{path}, column {name}")
     return arrays
@@ -69,11 +71,6 @@ def stored_values(file: pq.ParquetFile, top: str) -> int:
     groups = (file.metadata.row_group(i) for i in range(file.num_row_groups))
     columns = (group.column(i) for group in groups for i in range(group.num_columns))
     return sum(column.num_values for column in columns if f"{column.path_in_schema}.".startswith(f"{top}."))
-
-
-def fields_of(column: pa.ChunkedArray) -> list[tuple[pa.Field, list[pa.Array]]]:
-    """The fields of a structure, each with its parts."""
-    return [(column.type.field(i), [chunk.field(i) for chunk in column.chunks]) for i in range(column.type.num_fields)]
 
 
 def cells(column: pa.ChunkedArray, where: str) -> np.ndarray:

@@ -16,7 +16,7 @@ from leapgap.logs.cutting import on_even_clock
 from leapgap.logs.derivatives import add_velocities
 from leapgap.logs.files import decoding
 from leapgap.logs.importers.base import LogFormat
-from leapgap.logs.importers.column_map import ColumnMap, Expansion, column_order, is_ours, mapped, tied
+from leapgap.logs.importers.column_map import ColumnMap, Expansion, column_order, is_ours, mapped
 from leapgap.logs.importers.tables import Arrays, Table, Wanted, check_size
 from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.metadata import LONGEST_PERIOD_S, PHASE_LENGTHS, Segment
@@ -113,10 +113,10 @@ class TableFormat(LogFormat):
         table = self.table(path, options, (lambda name: name in names or is_ours(name, robot)))
         if options.steps is not None:
             table = with_summed_steps(table, options.steps, f"{where}.steps")
-        columns = mapped(table, options, robot, where)
+        columns, ties = mapped(table, options, robot, where)
         if options.gains == UNKNOWN:
             columns |= starting_gains(columns, robot, where)
-        follows = {joint: tie.of for joint, tie in tied(table, options, robot, where).items()}
+        follows = {joint: tie.of for joint, tie in ties.items()}
         rows = len(next(iter(columns.values()), ()))
         if "time" not in columns:
             if options.period_s is None or not rows:
@@ -125,11 +125,8 @@ class TableFormat(LogFormat):
             columns["time"] = options.period_s * np.arange(rows)
         ordered = {key: columns[key] for key in sorted(columns, key=column_order(robot))}
         logs = [
-            with_follows(
-                finished_log(
-                    cut_name, {key: values[kept] for key, values in ordered.items()}, path, robot, options, self.name
-                ),
-                follows,
+            finished_log(
+                cut_name, {key: values[kept] for key, values in ordered.items()}, path, robot, options, where, follows
             )
             for cut_name, kept in cuts(table, ordered["time"], name, options, where)
         ]
@@ -192,7 +189,8 @@ def check_options(options: TableOptions, where: str) -> None:
     for name in ("pieces", "segments"):
         check_intervals(getattr(options, name), f"{where}.{name}")
     for piece in options.pieces:
-        if not is_file_name(piece.name):
+        plain = piece.name.isprintable() and not set(piece.name) & set('/\\:*?"<>|') and piece.name.strip(". ") != ""
+        if not plain or len(piece.name.encode()) > LONGEST_NAME:  # no name of a file, in some folder of some system
             expected = f"a name of a file, of at most {LONGEST_NAME} characters"
             raise InputError(f"{where}.pieces", f"the name {piece.name[:LONGEST_NAME]!a}", expected, "choose another")
     for name, value in (options.schedule or {}).items():
@@ -212,12 +210,6 @@ def check_intervals(intervals: Sequence[Segment], where: str) -> None:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None and where.endswith("pieces"):
         raise InputError(where, f"the name {twice} twice", "a name of its own for each log", "rename one")
-
-
-def is_file_name(name: str) -> bool:
-    """Whether a file can have that name with an ending, in any folder of any system."""
-    plain = name.isprintable() and not set(name) & set('/\\:*?"<>|') and name.strip(". ") != ""
-    return plain and len(name.encode()) <= LONGEST_NAME
 
 
 def cuts(
@@ -291,9 +283,18 @@ def parts(
 
 
 def finished_log(
-    name: str, columns: dict[str, np.ndarray], path: Path, robot: Robot, options: TableOptions, kind: str
+    name: str,
+    columns: dict[str, np.ndarray],
+    path: Path,
+    robot: Robot,
+    options: TableOptions,
+    kind: str,
+    follows: Mapping[str, str],
 ) -> Log:
-    """The log of some rows: its clock checked, resampled and completed where the options say so."""
+    """The log of some rows: its clock checked, resampled and completed where the options say so.
+
+    ``follows`` are joints that were not measured, and the ones that they follow by the model.
+    """
     derived: dict[str, str] = {}
     source = [f"{kind.upper()} {path.name}"]
     later = increasing_rows(columns["time"])
@@ -323,17 +324,10 @@ def finished_log(
         log = on_even_clock(log, options.resample_s)
         derived["all"] = f"resampled to {options.resample_s:g} s: commands held, measurements interpolated"
     ordered = {key: log.columns[key] for key in sorted(log.columns, key=column_order(robot))}
-    extra = {**log.info.extra, **({"derived": derived} if derived else {})}
-    if options.gains == UNKNOWN:
-        extra["gains"] = {"known": False}
+    gains = {"known": False} if options.gains == UNKNOWN else {}
+    told = {"derived": derived, "gains": gains, "follows": follows}
+    extra = {**log.info.extra, **{key: of for key, of in told.items() if of}}
     return Log(name, ordered, replace(log.info, extra=extra))
-
-
-def with_follows(log: Log, follows: Mapping[str, str]) -> Log:
-    """The log that says which joints were not measured, and which ones they follow by the model."""
-    if not follows:
-        return log
-    return replace(log, info=replace(log.info, extra={**log.info.extra, "follows": dict(follows)}))
 
 
 def of_jump(options: TableOptions, where: str) -> Mapping[str, Mapping[str, float]]:
