@@ -48,19 +48,15 @@ def equal_segments(duration_s: float, number: int = 4) -> tuple[Segment, ...]:
 
 
 def contact_segments(time_s: np.ndarray, contact: np.ndarray, feet: Sequence[str]) -> tuple[Segment, ...]:
-    """Runs of rows with the same feet in contact (bool, (rows, feet)), named by these feet."""
+    """Runs of rows with the same feet in contact (bool, (rows, feet)), named by these feet: ``FL+RR``."""
     begins = np.flatnonzero(np.concatenate([[True], (contact[1:] != contact[:-1]).any(axis=1)]))
     ends = [*time_s[begins[1:]].tolist(), math.inf]
-    return tuple(
-        Segment(name_of_stance(contact[row], feet), float(time_s[row]), end)
-        for row, end in zip(begins, ends, strict=True)
-    )
-
-
-def name_of_stance(contact: np.ndarray, feet: Sequence[str]) -> str:
-    """Name of a set of feet in contact: ``all_feet``, ``no_foot``, or ``FL+RR``."""
-    touching = [foot for foot, touches in zip(feet, contact, strict=True) if touches]
-    return "all_feet" if len(touching) == len(feet) else "+".join(touching) or "no_foot"
+    found = []
+    for row, end in zip(begins, ends, strict=True):
+        touching = [foot for foot, touches in zip(feet, contact[row], strict=True) if touches]
+        name = "all_feet" if len(touching) == len(feet) else "+".join(touching) or "no_foot"
+        found.append(Segment(name, float(time_s[row]), end))
+    return tuple(found)
 
 
 def segment_of_rows(segments: Sequence[Segment], time_s: np.ndarray) -> np.ndarray:

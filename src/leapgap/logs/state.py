@@ -43,8 +43,10 @@ class States:
         joints = [joint for joint in robot.joints if f"joint_pos/{joint}" in log]
         full, derived = add_velocities(log, joints, window) if len(log) >= FIT_ROWS else (log, {})
         motion, fitted = logged_motion(full, robot), frozenset([*derived, *log.derived])
-        base = estimated_base(log, robot, motion)
-        if base is not None:
+        base = None
+        if robot.has_free_base and BASE_POSITION[0] not in log:
+            check_base(log, robot)
+            base = estimate_base(log, robot, motion, motor_torques(log, robot, motion))
             motion.base_position[:] = base.position
             if not has_base_velocity(log):
                 motion.base_velocity[:] = base.velocity
@@ -119,17 +121,6 @@ def check_logged(log: Log, robot: Robot) -> None:
 def has_base_velocity(log: Log) -> bool:
     """Whether any component of the base's velocity was logged."""
     return any(column in log for column in BASE_VELOCITY)
-
-
-def estimated_base(log: Log, robot: Robot, motion: Motion) -> BaseEstimate | None:
-    """The base of a floating robot by its planted feet, where its position was not logged; None elsewhere.
-
-    ``motion`` has attitude, gyro and joints of the log, and a base at rest in the origin.
-    """
-    if not robot.has_free_base or BASE_POSITION[0] in log:
-        return None
-    check_base(log, robot)
-    return estimate_base(log, robot, motion, motor_torques(log, robot, motion))
 
 
 def motor_torques(log: Log, robot: Robot, motion: Motion) -> np.ndarray:

@@ -221,7 +221,7 @@ def sinking_depths(robot: Robot, qpos: np.ndarray, torque: np.ndarray) -> np.nda
 class Poses:
     """Poses of bodies and feet in the world in each row of a motion."""
 
-    bodies: tuple[str, ...]
+    bodies: tuple[str, ...]  # names in the order of the model: the base first, the world left out
     positions: np.ndarray  # (rows, bodies, 3) m, origins of the bodies
     quaternions: np.ndarray  # (rows, bodies, 4), w x y z, body to world
     feet: np.ndarray  # (rows, feet, 3) m, centres of the feet, in the order of ``Robot.feet``
@@ -230,12 +230,6 @@ class Poses:
     def base(self) -> np.ndarray:
         """(rows, 3) m, origin of the base."""
         return self.positions[:, 0]
-
-
-def bodies(robot: Robot) -> tuple[str, ...]:
-    """Names of the moving bodies in the order of the model: the base first, the world left out."""
-    model = robot.model
-    return tuple(model.body(b).name or f"body_{b}" for b in robot.bodies)
 
 
 def body_poses(
@@ -257,7 +251,8 @@ def body_poses(
     for row, data in enumerate(each_pose(robot.model, qpos)):
         positions[row], quaternions[row] = data.xpos[moving], data.xquat[moving]
         feet[row] = robot.foot_shapes.positions(data)
-    return Poses(bodies(robot), positions, quaternions, feet)
+    bodies = tuple(robot.model.body(body).name or f"body_{body}" for body in robot.bodies)
+    return Poses(bodies, positions, quaternions, feet)
 
 
 def visual_geoms(model: mujoco.MjModel, body: int) -> dict[str, list[int]]:

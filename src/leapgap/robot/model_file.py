@@ -4,7 +4,6 @@ Robots of Menagerie are found by the package ``mujoco-menagerie`` (extra ``menag
 takes their files from the folder that ``MENAGERIE_ROOT`` names, a checkout of Menagerie, or from its own cache, which
 it fills by a download when a robot is first asked for."""
 
-from collections.abc import Iterator
 from itertools import takewhile
 from pathlib import Path
 from xml.etree import ElementTree
@@ -171,8 +170,9 @@ def compile_spec(spec: mujoco.MjSpec, where: object) -> mujoco.MjModel:
         if not (np.abs(values) <= LARGEST).all():  # false for NaN, too
             found = f"{name} with values that are not finite or above {LARGEST:g}"
             raise InputError(where, found, "numbers of a robot, in SI units", "correct them")
-    for name, values in float_arrays(model):
-        if not np.isfinite(values).all():
+    for name in [name for name in dir(model) if not name.startswith("_")]:
+        values = getattr(model, name)
+        if isinstance(values, np.ndarray) and values.dtype.kind == "f" and not np.isfinite(values).all():
             raise InputError(where, f"{name} with values that are not finite", "numbers of a robot", "correct them")
     if not SHORTEST_STEP_S <= model.opt.timestep <= LONGEST_STEP_S:
         found = f"a time step of {model.opt.timestep:g} s"
@@ -209,14 +209,6 @@ def discard_visual(spec: mujoco.MjSpec, where: object) -> None:
         raise invalid(where, error) from None
 
 
-def float_arrays(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
-    """Every array of floating-point numbers of a compiled model, with its name."""
-    for name in dir(model):
-        values = None if name.startswith("_") else getattr(model, name)
-        if isinstance(values, np.ndarray) and values.dtype.kind == "f":
-            yield name, values
-
-
 def gravity_of(model: mujoco.MjModel) -> np.ndarray:
     """Gravity that acts in a model, m/s², (3,): zero where a flag switches it off."""
     off = model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
@@ -234,7 +226,11 @@ def drop_missing_meshes(spec: mujoco.MjSpec, where: object) -> tuple[str, ...]:
 
     ``InputError`` for a missing mesh that collides, or from which MuJoCo would compute the mass of a body.
     """
-    missing = {mesh.name: mesh.file for mesh in spec.meshes if mesh.file and not mesh_file(spec, mesh).is_file()}
+    missing = {}
+    for mesh in [mesh for mesh in spec.meshes if mesh.file]:
+        name = Path(mesh.file).name if spec.strippath else mesh.file
+        if not (Path(spec.modelfiledir or ".") / mesh.compiler.meshdir / name).is_file():
+            missing[mesh.name] = mesh.file
     if not missing or compiles(spec):  # MuJoCo knows more places, such as those of attached models
         return ()
     for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
@@ -248,12 +244,6 @@ def drop_missing_meshes(spec: mujoco.MjSpec, where: object) -> tuple[str, ...]:
     names = ", ".join(list(missing.values())[:MOST_NAMED])
     more = f" and {len(missing) - MOST_NAMED} more" if len(missing) > MOST_NAMED else ""
     return (f"{len(missing)} visual meshes are left out, since their files are missing: {names}{more}",)
-
-
-def mesh_file(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> Path:
-    """Path of a mesh beside its model file."""
-    name = Path(mesh.file).name if spec.strippath else mesh.file
-    return Path(spec.modelfiledir or ".") / mesh.compiler.meshdir / name
 
 
 def compiles(spec: mujoco.MjSpec) -> bool:

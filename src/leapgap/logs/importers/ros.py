@@ -306,7 +306,11 @@ def join(topics: dict[str, Topic], clock: str, options: RosOptions, path: Path) 
     """
     whole = topics
     if options.columns.keys() <= {TIME}:
-        topics = {topic: one for topic, one in topics.items() if topic == clock or is_stream(one, topics[clock])}
+        middle = 0.5 * (topics[clock].time[0] + topics[clock].time[-1])
+        streams = [
+            topic for topic, one in topics.items() if len(one.time) >= FEWEST and one.time[0] < middle < one.time[-1]
+        ]
+        topics = {topic: one for topic, one in topics.items() if topic == clock or topic in streams}
     commands = patterns(options, HELD)
     held = {name for one in topics.values() for name in one.fields if any(p.fullmatch(name) for p in commands)}
     begin = max(one.time[0] for one in topics.values())
@@ -322,9 +326,3 @@ def join(topics: dict[str, Topic], clock: str, options: RosOptions, path: Path) 
             at = held_at if name in held else np.interp
             arrays[name] = values[rows] if topic == clock else at(instants, one.time[kept], values[kept])
     return arrays | {name: at for topic in whole.keys() - topics.keys() for name, at in whole[topic].fields.items()}
-
-
-def is_stream(topic: Topic, clock: Topic) -> bool:
-    """Whether messages come all along the clock's: more than a few, from its first half to its second."""
-    middle = 0.5 * (clock.time[0] + clock.time[-1])
-    return len(topic.time) >= FEWEST and bool(topic.time[0] < middle < topic.time[-1])

@@ -111,8 +111,11 @@ class TableFormat(LogFormat):
         names = mapped_columns | set(options.drop_rows) | {name for name in (options.cut_by, options.steps) if name}
         names |= {name.rpartition("[")[0] for name in names if name.endswith("]")}
         table = self.table(path, options, (lambda name: name in names or is_ours(name, robot)))
-        if options.steps is not None:
-            table = with_summed_steps(table, options.steps, f"{where}.steps")
+        if options.steps is not None:  # each the length until the next row
+            steps, wrong = flag(table, options.steps, table.rows, f"{where}.steps"), "steps that are not all positive"
+            if steps.dtype.kind == "U" or not (steps > 0).all():
+                raise InputError(f"{path}, column {options.steps}", wrong, "lengths", "map a time")
+            table = Table(path, {**table.arrays, "time": np.concatenate([[0.0], np.cumsum(steps[:-1])])})
         columns, ties = mapped(table, options, robot, where)
         if options.gains == UNKNOWN:
             columns |= starting_gains(columns, robot, where)
@@ -222,8 +225,15 @@ def cuts(
         kept &= ~has_value(flag(table, column, rows, f"{where}.drop_rows"), values)
     runs = [(name, np.flatnonzero(kept))]
     if options.cut_by is not None:
+        # Each stretch in which the flag keeps one of the wanted values, those of enough rows numbered
         state = flag(table, options.cut_by, rows, f"{where}.cut_by")
-        runs = [(f"{name}_{number}", rows_of) for number, rows_of in enumerate(equal_runs(state, kept, options), 1)]
+        bounds = [0, *(np.flatnonzero(state[1:] != state[:-1]) + 1).tolist(), rows]
+        wanted = has_value(state, options.cut_values) if options.cut_values else np.ones(rows, dtype=bool)
+        of_value = [
+            begin + np.flatnonzero(kept[begin:end]) for begin, end in pairwise(bounds) if wanted[begin:end].any()
+        ]
+        long_enough = [run for run in of_value if len(run) >= options.least_rows]
+        runs = [(f"{name}_{number}", rows_of) for number, rows_of in enumerate(long_enough, 1)]
     elif options.pieces:
         since = time - time[0]
         runs = [
@@ -245,22 +255,6 @@ def flag(table: Table, column: str, rows: int, where: str) -> np.ndarray:
 def has_value(flags: np.ndarray, values: Sequence[Any]) -> np.ndarray:
     """Whether each row has one of some values; numbers are compared as numbers, texts as texts."""
     return np.isin(flags, [str(one) for one in values] if flags.dtype.kind == "U" else values)
-
-
-def with_summed_steps(table: Table, column: str, where: str) -> Table:
-    """The table with a time that a column of steps adds up to, each the length until the next row."""
-    steps = flag(table, column, table.rows, where)
-    if steps.dtype.kind == "U" or not (steps > 0).all():
-        raise InputError(f"{table.path}, column {column}", "steps that are not all positive", "lengths", "map a time")
-    return Table(table.path, {**table.arrays, "time": np.concatenate([[0.0], np.cumsum(steps[:-1])])})
-
-
-def equal_runs(state: np.ndarray, kept: np.ndarray, options: TableOptions) -> list[np.ndarray]:
-    """Rows of each stretch in which a flag keeps one value, of those values that are wanted."""
-    bounds = [0, *(np.flatnonzero(state[1:] != state[:-1]) + 1).tolist(), len(state)]
-    wanted = has_value(state, options.cut_values) if options.cut_values else np.ones(len(state), dtype=bool)
-    runs = [begin + np.flatnonzero(kept[begin:end]) for begin, end in pairwise(bounds) if end > begin and wanted[begin]]
-    return [run for run in runs if len(run) >= options.least_rows]  # before they are numbered
 
 
 def parts(
@@ -325,7 +319,7 @@ def finished_log(
         derived["all"] = f"resampled to {options.resample_s:g} s: commands held, measurements interpolated"
     ordered = {key: log.columns[key] for key in sorted(log.columns, key=column_order(robot))}
     gains = {"known": False} if options.gains == UNKNOWN else {}
-    told = {"derived": derived, "gains": gains, "follows": follows}
+    told: Mapping[str, Mapping[str, Any]] = {"derived": derived, "gains": gains, "follows": follows}
     extra = {**log.info.extra, **{key: of for key, of in told.items() if of}}
     return Log(name, ordered, replace(log.info, extra=extra))
 

@@ -95,17 +95,12 @@ def quantity_by_words(found: Sequence[str]) -> tuple[str, int] | None:
     return ("tau" if said_kind == "tau" else f"joint_{said_kind}"), preference
 
 
-def aliases(joint: str) -> list[str]:
-    """Names by which a joint may be called: its own, and that without the word joint."""
-    short = re.sub(r"_?joint_?", "", joint, flags=re.IGNORECASE)
-    return [joint, *([short] if len(short) > 1 and not short.isdigit() and short != joint else [])]
-
-
 def joint_in(column: str, joints: Sequence[str]) -> tuple[int, int, str] | None:
     """Where a joint's name stands in a column's, and which joint: the longest name that does."""
     found = []
     for joint in joints:
-        for alias in aliases(joint):
+        short = re.sub(r"_?joint_?", "", joint, flags=re.IGNORECASE)
+        for alias in {joint, short} if len(short) > 1 and not short.isdigit() else {joint}:
             for at in re.finditer(re.escape(alias), column, flags=re.IGNORECASE):
                 around = column[max(0, at.start() - 1) : at.start()] + column[at.end() : at.end() + 1]
                 if not re.search(r"[a-zA-Z0-9]" if len(alias) < 4 else r"\d", around):
