@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from leapgap.logs import cutting
 from leapgap.logs.cutting import MOST_ROWS, choose_stretches
 from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.metadata import Segment
@@ -48,14 +49,16 @@ def test_of_many_short_logs_every_nth_is_taken_whole() -> None:
     assert said.startswith("50 of 500 logs, spread evenly over 500 logs, were diagnosed (60000 of 600000 samples)")
 
 
-def test_one_long_log_gives_at_least_two_stretches_to_judge_on() -> None:
-    chosen, _ = choose_stretches([log("a", 20.0)], most_rows=100)
+def test_one_long_log_gives_at_least_two_stretches_to_judge_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cutting, "MOST_ROWS", 100)
+    chosen, _ = choose_stretches([log("a", 20.0)])
     assert [one.name for one in chosen] == ["a_at_0_s", "a_at_10_s"]
 
 
-def test_segments_go_with_their_rows() -> None:
+def test_segments_go_with_their_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cutting, "MOST_ROWS", 10_000)
     segments = (Segment("walk", 0.0, 7.0), Segment("stand", 7.0, 20.0))
-    chosen, _ = choose_stretches([log("a", 20.0, segments=segments)], most_rows=10_000)
+    chosen, _ = choose_stretches([log("a", 20.0, segments=segments)])
     assert [(s.name, s.begin_s, s.end_s) for s in chosen[0].info.stated_segments] == [("walk", 0.0, 4.999)]
     (stand,) = chosen[1].info.stated_segments
     assert (stand.name, stand.begin_s) == ("stand", 0.0) and stand.end_s == pytest.approx(4.999)

@@ -94,9 +94,7 @@ class BaseEstimate:
 
     def first_rows(self, rows: int) -> "BaseEstimate":
         """The estimate of the first rows."""
-        return BaseEstimate(
-            self.position[:rows], self.velocity[:rows], self.height_deviation[:rows], self.velocity_deviation[:rows]
-        )
+        return BaseEstimate(**{name: values[:rows] for name, values in vars(self).items()})
 
 
 def check_base(log: Log, robot: Robot) -> None:

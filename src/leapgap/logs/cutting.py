@@ -95,15 +95,13 @@ def stretches_of(log: Log) -> list[Stretch]:
     return [Stretch(log, begin, end) for begin, end in itertools.pairwise(edges)]
 
 
-def choose_stretches(logs: Sequence[Log], most_rows: int | None = None) -> tuple[list[Log], tuple[str, ...]]:
-    """The logs, or stretches of them with no more than about ``most_rows`` rows, and a sentence on what is left out.
+def choose_stretches(logs: Sequence[Log]) -> tuple[list[Log], tuple[str, ...]]:
+    """The logs, or stretches of them with about ``MOST_ROWS`` and ``MOST_S`` at most; a sentence on what is left out.
 
-    By default ``MOST_ROWS``, and no more than about ``MOST_S``. Long logs are cut into stretches of ``STRETCH_S``; of
-    these and of short logs, in their order, every n-th is taken.
+    Long logs are cut into stretches of ``STRETCH_S``; of these and of short logs, in their order, every n-th is taken.
     """
-    most_rows = MOST_ROWS if most_rows is None else most_rows
     total, whole_s = sum(len(log) for log in logs), sum(log.time[-1] - log.time[0] for log in logs)
-    share = min(most_rows / total, MOST_S / whole_s)
+    share = min(MOST_ROWS / total, MOST_S / whole_s)
     if share >= 1:
         return list(logs), ()
     every = [stretch for log in logs for stretch in stretches_of(log)]

@@ -40,9 +40,9 @@ def jump_segments(schedule: Mapping[str, float]) -> tuple[Segment, ...]:
     return tuple(Segment(*each) for each in zip(names, (0.0, *ends[:-1]), ends, strict=True))
 
 
-def equal_segments(duration_s: float, number: int = 4) -> tuple[Segment, ...]:
-    """Equal parts of a time, for a log that states no segments; the last is open at its end."""
-    bounds = np.linspace(0, duration_s, number + 1)[:-1].tolist()
+def equal_segments(duration_s: float) -> tuple[Segment, ...]:
+    """Four equal parts of a time, for a log that states no segments; the last is open at its end."""
+    bounds = np.linspace(0, duration_s, 5)[:-1].tolist()
     ends = [*bounds[1:], math.inf]
     return tuple(Segment(f"part_{k + 1}", begin, end) for k, (begin, end) in enumerate(zip(bounds, ends, strict=True)))
 

@@ -9,6 +9,7 @@ import numpy as np
 from leapgap.robot.actuators import (
     KD_OF_BIAS,
     KP_OF_BIAS,
+    JointActuator,
     add_push,
     forget_removed,
     give_to_joint,
@@ -17,7 +18,6 @@ from leapgap.robot.actuators import (
     set_joint_pd,
     set_limit,
 )
-from leapgap.robot.stated_actuators import JointActuator
 
 DC_RESISTANCE, DC_CONSTANT, DC_KP, DC_KD, DC_VOLTAGE = 0, 1, 4, 6, 7  # entries of ``gainprm`` of MuJoCo's DC motor
 DC_TIME_CONSTANT = 0  # entry of ``dynprm`` of MuJoCo's DC motor: its electrical time constant, s

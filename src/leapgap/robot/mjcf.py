@@ -6,14 +6,19 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.robot.stated_actuators import MotorConstants
+from leapgap.robot.actuators import MotorConstants
+from leapgap.robot.model_file import compile_spec, discard_visual
 from leapgap.runtime.atomic_io import write_text
+
+if TYPE_CHECKING:
+    from leapgap.robot.model import Robot
 
 HASHED_DIGITS = 9  # significant digits that count: compilers of different machines differ after the fifteenth
 LEFT_OUT = (
@@ -201,3 +206,27 @@ def all_digits() -> Iterator[None]:
         yield
     finally:
         write(before)
+
+
+OWN_MODEL = "robot.xml"  # file beside the logs of a withheld case with its robot; without, that of the pipeline
+
+
+def own_model(logs: Path) -> Path | None:
+    """The model of their own that lies in a folder of logs."""
+    path = logs / OWN_MODEL
+    return path if path.is_file() else None
+
+
+def self_contained(robot: "Robot") -> str:
+    """MJCF of a robot with its makers' actuators, its base held where it is, without what only shows.
+
+    ``InputError`` where parts of it collide that are described by further files, meshes or heightfields.
+    """
+    spec = robot.published_spec()
+    discard_visual(spec, robot.path)
+    others = [part.name or part.file for part in (*spec.meshes, *spec.hfields, *spec.skins)]
+    if others:
+        expected = "colliding parts of primitive shapes, which one text can hold"
+        raise InputError(robot.path, f"the meshes or heightfields {', '.join(others)}", expected, "replace them")
+    compile_spec(spec, robot.path)
+    return str(spec.to_xml())

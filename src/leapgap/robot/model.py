@@ -9,7 +9,15 @@ import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.robot.actuators import check_joint_pd, replace_actuators
+from leapgap.robot.actuators import (
+    SINGLE,
+    JointActuator,
+    MotorConstants,
+    actuators_of,
+    check_joint_pd,
+    motors_of,
+    replace_actuators,
+)
 from leapgap.robot.mjcf import hash_model
 from leapgap.robot.model_file import (
     compile_spec,
@@ -20,7 +28,6 @@ from leapgap.robot.model_file import (
     model_file,
     read_spec,
 )
-from leapgap.robot.stated_actuators import SINGLE, JointActuator, MotorConstants, actuators_of, motors_of
 from leapgap.robot.terrain import Box, ground_geoms
 from leapgap.robot.topology import Feet, PartNames, Topology, feet_of, indices, name_contacts, topology_of
 

@@ -53,9 +53,9 @@ class Family:
     preference: int  # more of it: rather this family for its quantity
 
     @property
-    def numbered(self) -> bool:
-        """Whether numbers stand for the joints."""
-        return all(key.isdigit() for key in self.members)
+    def keys(self) -> list[str]:
+        """What stands for ``*``: numbers in their order, names in that of the file."""
+        return sorted(self.members, key=int) if all(map(str.isdigit, self.members)) else list(self.members)
 
 
 def words(name: str) -> list[str]:
@@ -266,7 +266,7 @@ def keys_of(one: Family, draft: Draft) -> list[str] | None:
 
 def keys_in_order(one: Family, draft: Draft) -> list[str]:
     """What stands for ``*`` in a family that names no joints, by number; motors that the robot lacks left out."""
-    keys = sorted(one.members, key=int) if one.numbered else list(one.members)
+    keys = one.keys
     if len(keys) > len(draft.robot.joints):  # motors that the robot does not have read zero
         keys = [key for key in keys if np.ptp(draft.table.numbers(one.members[key])) > 0]
     return keys

@@ -206,8 +206,7 @@ def keys_by_joint(one: Family, robot: Robot) -> Mapping[str, str]:
     """Which member of a family is of which joint; one that names none has the joints with motors, in their order."""
     if one.joints:
         return {joint: key for key, joint in one.joints.items()}
-    keys = sorted(one.members, key=int) if one.numbered else list(one.members)
-    return dict(zip(robot.driven_joints, keys, strict=True)) if len(keys) == len(robot.driven_joints) else {}
+    return dict(zip(robot.driven_joints, one.keys, strict=True)) if len(one.members) == len(robot.driven_joints) else {}
 
 
 def values_of(one: Family, key: str, tie: Tie, table: Table) -> np.ndarray:
