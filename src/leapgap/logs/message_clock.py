@@ -9,16 +9,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from leapgap.logs.log import Log
-from leapgap.logs.row_clock import (
-    BASE,
-    CURVATURE,
-    NOISE_WINDOW,
-    OUTLIER,
-    VELOCITY,
-    RowClock,
-    Stream,
-    mean_row,
-)
+from leapgap.logs.row_clock import BASE, CURVATURE, NOISE_WINDOW, OUTLIER, VELOCITY, RowClock, Stream, mean_row
 
 FREE = 25.0  # standard deviation of a row's length that is assumed beforehand, in sample periods: next to no assumption
 LAG, LAG_SPREAD = 0.3, 0.4  # how late a sample is in the row that first shows it: mean and deviation, in sample periods

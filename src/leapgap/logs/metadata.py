@@ -92,21 +92,28 @@ def read_metadata(text: str | bytes, where: object) -> dict[str, Any]:
         raise InputError(where, "metadata nested too deep to be read", f"at most {DEEPEST} levels", DO) from None
     if not isinstance(stated, dict):
         raise InputError(where, f"metadata that are no object but {kind_of(stated)}", "a JSON object", DO)
-    if depth(stated) > DEEPEST:
-        raise InputError(where, f"metadata of {depth(stated)} levels", f"at most {DEEPEST} levels", DO)
-    check_texts(stated, f"{where}, metadata")
+    check_contents(stated, where)
     check_entries(stated, f"{where}, metadata")
     return stated
 
 
-def check_texts(stated: Mapping[str, Any], where: str) -> None:
-    """No control characters in any text, key or value: they are printed, and written into pages."""
-    left: list[Any] = [stated]
-    while left:
-        value = left.pop()
-        left += [*value, *value.values()] if isinstance(value, dict) else value if isinstance(value, list) else ()
-        if isinstance(value, str) and CONTROL.search(value):
-            raise InputError(where, f"the text {value[:60]}", "printable characters, on one line", DO)
+def check_contents(stated: Mapping[str, Any], where: object) -> None:
+    """Few levels of mappings and lists, counted without recursion, and no control characters in any key or text.
+
+    Texts are printed, and written into pages.
+    """
+    level, levels = [stated], -1
+    while level:
+        for value in level:
+            if isinstance(value, str) and CONTROL.search(value):
+                expected = "printable characters, on one line"
+                raise InputError(f"{where}, metadata", f"the text {value[:60]}", expected, DO)
+        inner = [
+            (*one, *one.values()) if isinstance(one, dict) else one for one in level if isinstance(one, dict | list)
+        ]
+        level, levels = [item for one in inner for item in one], levels + 1
+    if levels > DEEPEST:
+        raise InputError(where, f"metadata of {levels} levels", f"at most {DEEPEST} levels", DO)
 
 
 def check_entries(stated: Mapping[str, Any], where: str) -> None:
@@ -191,17 +198,3 @@ def kind_of(value: Any) -> str:
     """A value in words, shortened."""
     words = {"dict": "an object", "list": "a list"}
     return words.get(type(value).__name__) or json.dumps(value)[:60]
-
-
-def depth(value: Any) -> int:
-    """Number of levels of mappings and lists, counted level by level and without recursion."""
-    level, deep = [value], 0
-    while level:
-        level = [
-            item
-            for one in level
-            if isinstance(one, dict | list)
-            for item in (one.values() if isinstance(one, dict) else one)
-        ]
-        deep += 1
-    return deep - 1

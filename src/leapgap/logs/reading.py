@@ -64,7 +64,17 @@ def read_folder(folder: Path, robot: Robot | None = None) -> Readings:
         return [log]
 
     readings = collect(folder, ((path.name, partial(read, path)) for path in log_files(folder)))
-    return readings if robot is None else of_one_robot(readings, robot, folder)
+    if robot is None or not any(log.info.robot == robot.name for log in readings.logs):
+        return readings
+    # Without logs of other robots, where some state that they are of this one
+    own = [log for log in readings.logs if log.info.robot == robot.name]
+    others = [
+        (f"{log.name}.parquet", InputError(log.name, f"robot {log.info.robot}", robot.name, "keep robots apart"))
+        for log in readings.logs
+        if log.info.robot != robot.name
+    ]
+    found = enough(folder, own, others)
+    return Readings(found.logs, (*readings.set_aside, *found.set_aside))
 
 
 def read_foreign(layout: LogFormat, source: Path, robot: Robot, options: Any) -> Readings:
@@ -124,17 +134,3 @@ def check_joints(log: Log, robot: Robot) -> None:
             expected = f"{low:.3g} to {high:.3g}, as {robot.name} has it"
             do = "correct its unit (degrees?), its zero, or the order of the joints"
             raise InputError(f"{log.name}, column joint_pos/{joint}", found, expected, do)
-
-
-def of_one_robot(readings: Readings, robot: Robot, folder: Path) -> Readings:
-    """The readings without logs of other robots, where some state that they are of this one."""
-    if not any(log.info.robot == robot.name for log in readings.logs):
-        return readings
-    own = [log for log in readings.logs if log.info.robot == robot.name]
-    others = [
-        (f"{log.name}.parquet", InputError(log.name, f"robot {log.info.robot}", robot.name, "keep robots apart"))
-        for log in readings.logs
-        if log.info.robot != robot.name
-    ]
-    found = enough(folder, own, others)
-    return Readings(found.logs, (*readings.set_aside, *found.set_aside))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from leapgap.logs.consistency import integral
 from leapgap.logs.importers.tables import Table
 from leapgap.robot.model import Robot
 
@@ -41,9 +42,7 @@ def mean_rates(time: np.ndarray, position: np.ndarray, rows: int) -> np.ndarray:
 
 def mean_values(time: np.ndarray, velocity: np.ndarray, rows: int) -> np.ndarray:
     """Means of velocities, (m, n), over the same rows: what their mean rates are of a position with that rate."""
-    area = np.zeros(velocity.shape)
-    area[1:] = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time)[:, None], axis=0)
-    return mean_rates(time, area, rows)
+    return mean_rates(time, integral(velocity, time), rows)
 
 
 def factors(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -13,16 +13,7 @@ import numpy as np
 
 from leapgap.logs.clock import PERIOD_TOLERANCE
 from leapgap.logs.importers.column_map import UNITS
-from leapgap.logs.map_proposal.evidence import (
-    GUESSED,
-    MARGIN_RAD,
-    MISSING,
-    SPUN_RAD,
-    SURE,
-    Draft,
-    inside,
-    real_limits,
-)
+from leapgap.logs.map_proposal.evidence import GUESSED, MARGIN_RAD, MISSING, SPUN_RAD, SURE, Draft, inside, real_limits
 from leapgap.logs.map_proposal.joint_columns import NANOSECONDS, SECONDS, time_columns, words
 from leapgap.robot.model import Robot
 
