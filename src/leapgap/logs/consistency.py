@@ -18,7 +18,6 @@ def check_complete(columns: Columns, joints: Sequence[str], where: str) -> None:
     """Raise ``InputError`` for columns that make no log; ``joints`` are those with a commanded torque."""
     check_names(columns, where)
     check_rows(columns, where)
-    check_times(columns, where)
     check_commands(columns, joints, where)
     check_base(columns, where)
 
@@ -32,7 +31,7 @@ def check_names(columns: Columns, where: str) -> None:
 
 
 def check_rows(columns: Columns, where: str) -> None:
-    """Two or more rows in every column, with finite numbers."""
+    """Two or more rows in every column, with finite numbers, and a time that never stands still or runs back."""
     if "time" not in columns:
         raise InputError(where, "no column time", "a strictly increasing time, s", "add the column")
     rows = len(columns["time"])
@@ -46,10 +45,6 @@ def check_rows(columns: Columns, where: str) -> None:
             found = f"{len(bad)} values that are no number, first in row {bad[0]}"
             do = "repair the log, or leave the column out if it was not measured"
             raise InputError(f"{where}, column {name}", found, "finite numbers", do)
-
-
-def check_times(columns: Columns, where: str) -> None:
-    """Raise ``InputError`` where time stands still or runs back from one row to the next."""
     back = np.flatnonzero(np.diff(columns["time"]) <= 0)
     if len(back):
         found = f"a step of {np.diff(columns['time'])[back[0]]:g} s after row {back[0]}"

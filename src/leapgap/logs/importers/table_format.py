@@ -297,9 +297,14 @@ def finished_log(
         derived["time"] = f"{int((~later).sum())} rows left out, whose time stamps repeat or run back"
         source.append(derived["time"])
     columns["time"] = columns["time"] - columns["time"][:1]
-    info = LogInfo(
-        robot.name, mean_period(columns["time"]), "; ".join(source), (), tuple(options.segments), of_jump(options, kind)
-    )
+    jump: Mapping[str, Mapping[str, Any]] = {}  # what only the log of a jump has
+    if options.schedule is not None:
+        if set(options.schedule) != set(PHASE_LENGTHS):
+            expected = f"lengths in s of {', '.join(PHASE_LENGTHS)}"
+            raise InputError(f"{kind}.schedule", ", ".join(options.schedule), expected, "state all three")
+        jump = {"schedule": dict(options.schedule), "target": {"x_m": options.target_x_m, "z_m": options.target_z_m}}
+    period = mean_period(columns["time"])
+    info = LogInfo(robot.name, period, "; ".join(source), (), tuple(options.segments), jump)
     if info.sample_period_s > LONGEST_PERIOD_S:
         found = (
             f"{len(columns['time'])} rows of {1e3 * info.sample_period_s:.4g} ms, {columns['time'][-1]:.4g} s in all"
@@ -322,13 +327,3 @@ def finished_log(
     told: Mapping[str, Mapping[str, Any]] = {"derived": derived, "gains": gains, "follows": follows}
     extra = {**log.info.extra, **{key: of for key, of in told.items() if of}}
     return Log(name, ordered, replace(log.info, extra=extra))
-
-
-def of_jump(options: TableOptions, where: str) -> Mapping[str, Mapping[str, float]]:
-    """The part of the metadata that only the log of a jump has."""
-    if options.schedule is None:
-        return {}
-    if set(options.schedule) != set(PHASE_LENGTHS):
-        expected = f"lengths in s of {', '.join(PHASE_LENGTHS)}"
-        raise InputError(f"{where}.schedule", ", ".join(options.schedule), expected, "state all three")
-    return {"schedule": dict(options.schedule), "target": {"x_m": options.target_x_m, "z_m": options.target_z_m}}

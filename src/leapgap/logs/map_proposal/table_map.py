@@ -180,7 +180,9 @@ def with_tied(found: Sequence[Family], draft: Draft) -> list[Family]:
     """The families, those that lack nothing but tied joints with columns of these, which are added to the table."""
     robot, completed, told = draft.robot, [], dict[str, str]()
     for one in found:
-        keys = keys_by_joint(one, robot)
+        keys = {joint: key for key, joint in one.joints.items()}
+        if not keys and len(one.members) == len(robot.driven_joints):  # without names: the joints with motors, in order
+            keys = dict(zip(robot.driven_joints, one.keys, strict=True))
         ties = tied_joints(robot, set(robot.joints) - set(keys))
         if not keys or not ties or set(robot.joints) - set(keys) - set(ties):
             completed.append(one)
@@ -200,13 +202,6 @@ def with_tied(found: Sequence[Family], draft: Draft) -> list[Family]:
     for joint, other in told.items():
         draft.say(GUESSED, f"{joint} is not in the file: it follows {other}, to which the model ties it")
     return completed
-
-
-def keys_by_joint(one: Family, robot: Robot) -> Mapping[str, str]:
-    """Which member of a family is of which joint; one that names none has the joints with motors, in their order."""
-    if one.joints:
-        return {joint: key for key, joint in one.joints.items()}
-    return dict(zip(robot.driven_joints, one.keys, strict=True)) if len(one.members) == len(robot.driven_joints) else {}
 
 
 def values_of(one: Family, key: str, tie: Tie, table: Table) -> np.ndarray:
