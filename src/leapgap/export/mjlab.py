@@ -2,7 +2,7 @@
 
 import re
 
-from leapgap.export.actuators import ActuatorSettings, PythonExport
+from leapgap.export.actuators import PythonExport, missing_gains
 from leapgap.export.base import CorrectedRobot, literal
 
 SOURCE = '''\
@@ -84,7 +84,7 @@ class Mjlab(PythonExport):
 
     def lacks(self, corrected: CorrectedRobot) -> str | None:
         """The gains of the joint PD, where no log has them."""
-        return ActuatorSettings.of(corrected).missing
+        return missing_gains(corrected)
 
     def further(self, corrected: CorrectedRobot) -> dict[str, str]:
         """Ranges of joints, bodies and feet."""

@@ -2,7 +2,7 @@
 
 import re
 
-from leapgap.export.actuators import ActuatorSettings, PythonExport
+from leapgap.export.actuators import PythonExport, actuator_settings, missing_gains
 from leapgap.export.base import CorrectedRobot, literal
 
 SOURCE = '''\
@@ -61,10 +61,9 @@ class Pace(PythonExport):
 
     def lacks(self, corrected: CorrectedRobot) -> str | None:
         """The gains of the joint PD, or limits of the motors."""
-        settings = ActuatorSettings.of(corrected)
-        if None in settings.effort_limit.values():
+        if None in actuator_settings(corrected)["effort_limit"].values():
             return "the model states no limits of its torques, which PACE asks for"
-        return settings.missing
+        return missing_gains(corrected)
 
     def further(self, corrected: CorrectedRobot) -> dict[str, str]:
         """The names of the joints, and as they stand in expressions."""

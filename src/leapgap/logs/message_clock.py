@@ -40,14 +40,6 @@ class System:
     first: np.ndarray  # index of each message's first sample among the unknowns, behind the rows; and their number
     sharpness: tuple[np.ndarray, ...]  # of each message's times between samples, by motion alone, standard deviation, s
 
-    def matrix(self) -> sp.csr_matrix:
-        """Left sides, (equations, unknowns); the number after the last unknown stands for 0."""
-        known, number = self.equations, np.arange(len(self.equations))
-        unknowns = np.concatenate([known["plus"], known["minus"]])
-        values = np.concatenate([known["by"], -known["by"]])
-        whole = sp.csr_matrix((values, (np.tile(number, 2), unknowns)), shape=(len(number), int(self.first[-1]) + 1))
-        return whole[:, :-1]
-
 
 def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
     """The clock of a log that shows the latest message of each kind, whether it is new or not.
@@ -120,7 +112,12 @@ def solve(system: System, streams: Sequence[Stream], period: float) -> tuple[np.
 
     A velocity may be that of a moment before its position; this delay of each message is found on the way.
     """
-    matrix, known, rows = system.matrix(), system.equations, int(system.first[0])
+    known, rows = system.equations, int(system.first[0])
+    # Left sides, (equations, unknowns); the number after the last unknown stands for 0
+    number, unknowns = np.arange(len(known)), np.concatenate([known["plus"], known["minus"]])
+    values = np.concatenate([known["by"], -known["by"]])
+    whole = sp.csr_matrix((values, (np.tile(number, 2), unknowns)), shape=(len(number), int(system.first[-1]) + 1))
+    matrix = whole[:, :-1]
     of, bend, before = np.maximum(known["stream"], 0), known["bend"], 1 / known["spread"]  # no bend, no delay
     delay, weight, found = np.full(len(streams), period / 2), before, np.zeros(0)
     row_of_unknown = [np.arange(rows) + 0.5, *(np.flatnonzero(stream.fresh) for stream in streams)]

@@ -19,7 +19,7 @@ import numpy as np
 from leapgap.errors import InputError, needs
 from leapgap.logs.clock import held_at, increasing_rows
 from leapgap.logs.cutting import HELD
-from leapgap.logs.files import MOST_UNPACKED, Bounded, Unpacker, unpack
+from leapgap.logs.files import MOST_UNPACKED, Bounded, unpack
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size
 from leapgap.runtime.typed_values import MOST_BYTES, from_yaml
@@ -147,7 +147,7 @@ def bounded_unpacking(path: Path) -> Iterator[None]:
     size = sum(one.stat().st_size for one in (path.rglob("*") if path.is_dir() else [path]) if one.is_file())
     left = max(MOST_UNPACKED, MOST_TIMES * size)
 
-    def bounded(start: Callable[[], Unpacker]) -> Callable[..., bytes]:
+    def bounded(start: Callable[[], Any]) -> Callable[..., bytes]:
         def unpacked(data: bytes, *_: int) -> bytes:
             nonlocal left
             found = unpack(data, start, path, min(left, LARGEST_PIECE))
