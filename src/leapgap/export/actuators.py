@@ -23,15 +23,15 @@ def actuator_settings(corrected: CorrectedRobot) -> dict[str, dict[str, Any]]:
     def by_joint(key: str) -> dict[str, float]:
         return {joint: float(numbers[key][i]) for i, joint in driven}
 
+    def delivered(entry: int, scale: dict[str, float]) -> dict[str, float | None]:
+        return {joint: gains[joint][entry] * gain[joint] * scale[joint] if joint in gains else None for joint in gain}
+
     gain, gains = by_joint("torque_gain"), corrected.gains
-    of_kp, of_kd = by_joint("position_gain"), by_joint("velocity_gain")
     limits, delay = by_joint("torque_limit"), by_joint("command_delay_s")
     ranges = corrected.ranges["joints"].get("command_delay_s", {})
     return {
-        "stiffness": {
-            joint: gains[joint][0] * gain[joint] * of_kp[joint] if joint in gains else None for joint in gain
-        },
-        "damping": {joint: gains[joint][1] * gain[joint] * of_kd[joint] if joint in gains else None for joint in gain},
+        "stiffness": delivered(0, by_joint("position_gain")),
+        "damping": delivered(1, by_joint("velocity_gain")),
         "effort_limit": {joint: limit if isfinite(limit) else None for joint, limit in limits.items()},
         "armature": by_joint("armature"),
         "friction": by_joint("friction"),
