@@ -178,17 +178,17 @@ def check_options(options: TableOptions, where: str) -> None:
     for name, known in known_of.items():
         if getattr(options, name) not in known:
             raise InputError(f"{where}.{name}", getattr(options, name), f"one of {', '.join(known)}", "choose one")
-    for name in ("period_s", "resample_s", "piece_s", "velocity_window_s"):
-        value = getattr(options, name)
-        if value is not None and not 0 < value < math.inf:
-            raise InputError(f"{where}.{name}", f"{value:g}", "a positive time, s", "correct it")
-    for name, least in (("least_rows", 0), ("most_rows", 1)):
-        value = getattr(options, name)
-        if value is not None and value < least:
-            raise InputError(f"{where}.{name}", str(value), f"{least} or more", "correct it")
-    for name in ("target_x_m", "target_z_m"):
-        if not abs(getattr(options, name)) < math.inf:
-            raise InputError(f"{where}.{name}", f"{getattr(options, name):g}", "a number, m", "correct it")
+    positive, finite = (lambda value: 0 < value < math.inf), (lambda value: abs(value) < math.inf)
+    for names, is_sound, expected in (
+        (("period_s", "resample_s", "piece_s", "velocity_window_s"), positive, "a positive time, s"),
+        (("least_rows",), lambda value: value >= 0, "0 or more"),
+        (("most_rows",), lambda value: value >= 1, "1 or more"),
+        (("target_x_m", "target_z_m"), finite, "a number, m"),
+    ):
+        for name in names:
+            value = getattr(options, name)
+            if value is not None and not is_sound(value):
+                raise InputError(f"{where}.{name}", f"{value:g}", expected, "correct it")
     for name in ("pieces", "segments"):
         check_intervals(getattr(options, name), f"{where}.{name}")
     for piece in options.pieces:

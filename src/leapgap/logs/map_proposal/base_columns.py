@@ -23,7 +23,7 @@ from leapgap.logs.map_proposal.evidence import (
 )
 from leapgap.logs.map_proposal.joint_columns import words
 from leapgap.logs.map_proposal.unit_readings import nearest
-from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
+from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_QUATERNION, QUANTITIES
 from leapgap.robot.rotations import continuous, upright_cosine
 
 ORDERS = {"w x y z": (0, 1, 2, 3), "x y z w": (3, 0, 1, 2)}  # order of the columns → indices of w, x, y, z in them
@@ -165,11 +165,7 @@ BODIES = {"base", "trunk", "body", "pelvis", "root", "torso", "odom", "imu", "po
 FAST = 15.0  # rates of a base, rad/s, above which they are rather in degrees
 LAST = re.compile(r"^(.*?)(?:\[(\d)\]|[._/]?([wxyzWXYZ]|\d))$")
 COLUMNS = {
-    "base_quat": BASE_QUATERNION,
-    "base_angvel": BASE_ANGULAR_VELOCITY,
-    "imu_acc": QUANTITIES["imu_acc"].columns,
-    "base_linvel": BASE_VELOCITY,
-    "base_pos": BASE_POSITION,
+    name: QUANTITIES[name].columns for name in ("base_quat", "base_angvel", "imu_acc", "base_linvel", "base_pos")
 }
 
 
