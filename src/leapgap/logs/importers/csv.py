@@ -12,7 +12,7 @@ import pyarrow.csv
 from leapgap.errors import InputError
 from leapgap.logs.files import Bounded, decoding
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
-from leapgap.logs.importers.tables import Arrays, Wanted, check_size, stacked
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size
 
 CHUNK_BYTES = 1 << 20
 PACKED = ("gz", "bz2", "zst", "lz4")  # endings of packed files, which pyarrow unpacks
@@ -87,7 +87,11 @@ def with_lists(values: np.ndarray, where: str) -> np.ndarray:
         rows = [np.array(cell[1:-1].replace(",", " ").split(), dtype=np.float64) for cell in cells]
     except ValueError:
         return values
-    return stacked(rows, where)
+    other = next((at for at, row in enumerate(rows) if len(row) != len(rows[0])), None)
+    if other is not None:
+        found, expected = f"{len(rows[other])} items", f"{len(rows[0])}, as in row 0"
+        raise InputError(f"{where}, row {other}", found, expected, "repair it")
+    return np.stack(rows)
 
 
 def opened(path: Path) -> BinaryIO:

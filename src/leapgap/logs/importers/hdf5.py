@@ -1,5 +1,6 @@
 """Importers of HDF5 files, whose arrays are named by their path, and of MATLAB files, by the fields of structures."""
 
+import math
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
@@ -11,7 +12,7 @@ import numpy as np
 from leapgap.errors import InputError, needs
 from leapgap.logs.files import MOST_UNPACKED, inflated_size, unpack
 from leapgap.logs.importers.table_format import TableFormat
-from leapgap.logs.importers.tables import Arrays, Wanted, check_size, fields, flat, product
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size, fields, flat
 
 DEFLATE, SHUFFLE, CHECKSUM = 1, 2, 3  # numbers of HDF5's own filters: the first packs, and the others do not
 SMALL_PIECE, LARGEST_PIECE = 1 << 16, 1 << 24
@@ -57,7 +58,7 @@ def check_chunks(item: Any, where: str) -> None:
     """``InputError`` where a packed piece of a dataset unpacks to more than it states, or may and cannot be tried."""
     if item.chunks is None or (kind := item.id.get_create_plist()).get_nfilters() == 0:
         return
-    size = product(item.chunks) * item.dtype.itemsize
+    size = math.prod(item.chunks) * item.dtype.itemsize
     check_size(where, size / 8)
     filters = [kind.get_filter(i)[0] for i in range(kind.get_nfilters())]
     packers = [one for one in filters if one not in (SHUFFLE, CHECKSUM)]
@@ -117,8 +118,8 @@ class Mat(TableFormat):
         with path.open("rb") as file:
             version = file.read(MAT_HEADER_BYTES)
         if version.startswith(b"MATLAB 7.3"):
-            by_path = hdf5_arrays(path, lambda name: wanted(dotted(name)))
-            return {dotted(name): array.T for name, array in by_path.items()}
+            by_path = hdf5_arrays(path, lambda name: wanted(name.replace("/", ".")))
+            return {name.replace("/", "."): array.T for name, array in by_path.items()}
         from scipy.io import loadmat
 
         if version.startswith(b"MATLAB"):
@@ -134,11 +135,6 @@ class Mat(TableFormat):
 def inside(value: Any) -> Mapping[str, Any] | None:
     """What ``flat`` goes into: the variables, and structures."""
     return vars(value) if hasattr(value, "_fieldnames") else value if isinstance(value, dict) else None
-
-
-def dotted(name: str) -> str:
-    """The name of a dataset as that of a field."""
-    return name.replace("/", ".")
 
 
 def check_elements(path: Path) -> None:

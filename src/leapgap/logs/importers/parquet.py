@@ -144,13 +144,15 @@ class LeRobot(TableFormat):
             arrays |= {f"{name}.{part}": values for part, values in named if wanted(f"{name}.{part}")}
         if options is not None and options.calibration is not None:
             ranges = calibration_of(Path(options.calibration))
-            arrays |= {name: in_degrees(name, values, ranges) for name, values in arrays.items() if is_position(name)}
+            arrays |= {
+                name: in_degrees(name, values, ranges) for name, values in arrays.items() if name.endswith(POSITION)
+            }
         return arrays
 
     def stated(self, path: Path, options: LeRobotOptions) -> Mapping[str, Any]:
         """The rate of the rows, and whether positions may be shares of a range."""
         info = info_of(path)
-        of_joints = any(map(is_position, (name for names in features_of(path).values() for name in names)))
+        of_joints = any(name.endswith(POSITION) for names in features_of(path).values() for name in names)
         fps, shares = info.get("fps"), of_joints and NORMALISED.search(str(info.get("robot_type")).lower())
         found: dict[str, Any] = {"period_s": 1 / fps} if isinstance(fps, int | float) and 0 < fps < 1e5 else {}
         return found | {"unit": "deg" if options.calibration else "normalised" if shares else None}
@@ -193,11 +195,6 @@ def calibration_of(path: Path) -> Mapping[str, tuple[float, bool]]:
     except (KeyError, TypeError, AttributeError) as error:
         expected = "LeRobot's calibration: range_min and range_max of each joint"
         raise InputError(path, f"no readable calibration ({error!r})", expected, "name that file") from None
-
-
-def is_position(name: str) -> bool:
-    """Whether a column is the position of one joint, measured or set."""
-    return name.endswith(POSITION)
 
 
 def in_degrees(name: str, values: np.ndarray, ranges: Mapping[str, tuple[float, bool]]) -> np.ndarray:
