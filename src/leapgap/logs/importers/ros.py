@@ -138,6 +138,7 @@ def bounded_unpacking(path: Path) -> Iterator[None]:
     Tables of SQLite are looked at before they are read.
     """
     import bz2
+    from unittest.mock import patch
 
     import lz4.frame
     from rosbags.rosbag1 import reader as bags
@@ -167,19 +168,11 @@ def bounded_unpacking(path: Path) -> Iterator[None]:
         "zstd": bounded(zstd.ZstdDecompressor),
     }
     tables = (bags.decompressors, storage_mcap.DECOMPRESSORS)
-    before = [dict(table) for table in tables]
-    for table in tables:
-        table.update({name: ours[name] for name in table if name in ours})
-    recordings.zstd = SimpleNamespace(
-        decompress=ours["zstd"], open=lambda file, *_: Bounded(zstd.open(file), path, left)
-    )
-    storage_sqlite3.Sqlite3Reader.open = open_base
-    try:
+    unpackers = [patch.dict(table, {name: ours[name] for name in table if name in ours}) for table in tables]
+    opened = SimpleNamespace(decompress=ours["zstd"], open=lambda file, *_: Bounded(zstd.open(file), path, left))
+    sqlite = patch.object(storage_sqlite3.Sqlite3Reader, "open", open_base)
+    with unpackers[0], unpackers[1], patch.object(recordings, "zstd", opened), sqlite:
         yield
-    finally:
-        recordings.zstd, storage_sqlite3.Sqlite3Reader.open = zstd, open_any
-        for table, known in zip(tables, before, strict=True):
-            table.update(known)
 
 
 def may_be_mapped(topic: str, options: RosOptions) -> bool:
