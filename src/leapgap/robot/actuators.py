@@ -169,12 +169,9 @@ def replace_actuators(spec: mujoco.MjSpec, own: Sequence[JointActuator]) -> None
         spec.delete(actuator)
     taken: set[str] = set()
     for motor in own:
-        added = spec.add_actuator()
-        added.name = motor.name if motor.name not in taken else f"{motor.name} of {motor.joint}"
-        taken.add(added.name)
-        added.trntype, added.target, added.gear = mujoco.mjtTrn.mjTRN_JOINT, motor.joint, [1.0, 0, 0, 0, 0, 0]
-        make_affine(added, gain=float(motor.driven))
-        set_limit(added, motor.limit)
+        name = motor.name if motor.name not in taken else f"{motor.name} of {motor.joint}"
+        taken.add(name)
+        add_push(spec, motor.joint, name, float(motor.driven), motor.limit)
         joint = joints[motor.joint]
         give_to_joint(joint, motor)
         if not joint.actgravcomp:
@@ -271,12 +268,14 @@ def add_brake(spec: mujoco.MjSpec, joint: str, push: str, damper: str) -> None:
     added.gaintype, added.gainprm = mujoco.mjtGain.mjGAIN_AFFINE, [*by_velocity, *[0.0] * 7]
 
 
-def add_push(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
-    """Add an actuator at a joint whose control is a torque, without any limit."""
+def add_push(
+    spec: mujoco.MjSpec, joint: str, name: str, gain: float = 1.0, limit: tuple[float, float] = UNLIMITED
+) -> mujoco.MjsActuator:
+    """Add an actuator at a joint whose control is a torque, with room for a joint PD."""
     added = spec.add_actuator()
     added.name, added.trntype, added.target, added.gear = name, mujoco.mjtTrn.mjTRN_JOINT, joint, [1.0, *[0.0] * 5]
-    make_affine(added, gain=1.0)
-    set_limit(added, UNLIMITED)
+    make_affine(added, gain)
+    set_limit(added, limit)
     return added
 
 
