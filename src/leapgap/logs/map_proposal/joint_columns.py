@@ -184,28 +184,6 @@ def known_orders(robot: Robot) -> Iterator[tuple[str, tuple[str, ...]]]:
     yield "by the alphabet", tuple(sorted(joints))
 
 
-def fitting_order(position: np.ndarray, robot: Robot) -> tuple[str, Sequence[str], list[str]]:
-    """The first order in which positions (rows, joints) lie within the limits, in rad or deg, and others that fit too.
-
-    The model's own where none does.
-    """
-    limits, real = real_limits(robot)
-    unit = UNITS["rad"]["rad" if np.nanmax(np.abs(position)) < 1.5 * SPUN_RAD else "deg"]
-    low, high = np.nanmin(position, axis=0), np.nanmax(position, axis=0)
-
-    def fits(order: Sequence[str], turned: bool) -> bool:
-        at = [order.index(joint) for joint in robot.joints]
-        good = inside(low[at] * unit, high[at] * unit, limits)
-        return bool((good | (turned & inside(-high[at] * unit, -low[at] * unit, limits)))[real].all())
-
-    every = {order: words for words, order in reversed([*known_orders(robot)])}
-    for turned in (False, True):  # joints that count backwards are thought of last
-        found = [order for order in reversed(every) if fits(order, turned)]
-        if found:
-            return every[found[0]], found[0], [every[order] for order in found[1:]]
-    return MODEL, robot.joints, []
-
-
 OF_JOINTS = ("joint_pos", "joint_vel", "tau", *COMMANDS)
 
 
@@ -273,7 +251,10 @@ def keys_in_order(one: Family, draft: Draft) -> list[str]:
 
 
 def find_order(chosen: dict[str, Family], draft: Draft) -> None:
-    """The order of columns that name no joints: the first known one in which positions lie within their limits."""
+    """The order of columns that name no joints: the first known one in which positions lie within their limits.
+
+    In rad or deg; that of the model where none does.
+    """
     draft.order, draft.order_words = draft.robot.joints, MODEL
     one = chosen.get("joint_pos")
     if one is None or one.joints:
@@ -284,9 +265,25 @@ def find_order(chosen: dict[str, Family], draft: Draft) -> None:
     position = np.stack([draft.table.numbers(one.members[key]) for key in keys], axis=1)
     if not np.isfinite(position).any(axis=0).all():
         return
-    draft.order_words, draft.order, others = fitting_order(position, draft.robot)
+    limits, real = real_limits(draft.robot)
+    unit = UNITS["rad"]["rad" if np.nanmax(np.abs(position)) < 1.5 * SPUN_RAD else "deg"]
+    low, high = np.nanmin(position, axis=0), np.nanmax(position, axis=0)
+
+    def fits(order: Sequence[str], turned: bool) -> bool:
+        at = [order.index(joint) for joint in draft.robot.joints]
+        good = inside(low[at] * unit, high[at] * unit, limits)
+        return bool((good | (turned & inside(-high[at] * unit, -low[at] * unit, limits)))[real].all())
+
+    every = {order: words for words, order in reversed([*known_orders(draft.robot)])}
+    # Joints that count backwards are thought of last
+    turned = not any(fits(order, False) for order in every)
+    fitting = [order for order in reversed(every) if fits(order, turned)]
+    if not fitting:
+        return
+    draft.order, *others = fitting
+    draft.order_words = every[draft.order]
     if draft.order_words != MODEL:
-        also = f"; so they would {' and '.join(others)}" if others else ""
+        also = f"; so they would {' and '.join(every[order] for order in others)}" if others else ""
         draft.say(GUESSED, f"joints {draft.order_words}: so positions lie within the joints' limits{also}")
 
 
