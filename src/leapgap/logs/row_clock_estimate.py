@@ -229,16 +229,13 @@ def row_clock(log: Log, joints: Sequence[str]) -> RowClock | None:
     clock = clock_of_messages(log, telling)
     if clock.step_s is not None and not even_rows_fit(log, of_joints):
         return clock
-    every, fresh = merge(of_joints), np.stack([one.fresh for one in of_joints for _ in range(one.position.shape[1])], 1)
-    return noisy_clock(log, telling, every, fresh) or clock
+    return noisy_clock(log, telling) or clock
 
 
 def uneven_clocks(logs: Sequence[Log], joints: Sequence[str]) -> dict[str, RowClock]:
     """Clocks, by the log's name, of the logs whose rows are uneven in a way that their time does not say."""
-    clocks = {log.name: row_clock(log, joints) for log in logs}
-    return {
-        log.name: clock for log in logs if (clock := clocks[log.name]) is not None and clock.unevenness(log) > UNEVEN
-    }
+    clocks = ((log, row_clock(log, joints)) for log in logs)
+    return {log.name: clock for log, clock in clocks if clock is not None and clock.unevenness(log) > UNEVEN}
 
 
 def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
@@ -260,7 +257,7 @@ def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
     halves = [lengths_by(every.channels(moving[k::2]), expected) for k in (0, 1)]
     _, precision = lengths_by(every.channels(moving), expected)
     if hangs(halves, expected) or scatter_alike(halves, expected, precision):
-        return noisy_clock(log, streams, every, np.ones(every.position.shape, dtype=bool))
+        return noisy_clock(log, streams, whole=True)
     instants = np.concatenate([[0.0], np.cumsum(np.maximum(expected, 0.0))])
     names = [name for stream in streams for name in stream.columns]
     return RowClock(instants, dict.fromkeys(names, instants), None, {})
@@ -315,12 +312,15 @@ def even_rows_fit(log: Log, streams: Sequence[Stream]) -> bool:
     return len(of_all) >= NOISE_WINDOW and float(np.quantile(of_all, MOST_FIT)) < OUTLIER
 
 
-def noisy_clock(log: Log, streams: Sequence[Stream], every: Stream, fresh: np.ndarray) -> RowClock | None:
+def noisy_clock(log: Log, streams: Sequence[Stream], whole: bool = False) -> RowClock | None:
     """The clock of a log whose instants noise blurs, by a smoother over all joints.
 
-    A sample is taken in the row that first shows it. ``every`` are the channels of all joints and ``fresh``, (rows,
-    channels), the rows that show new samples of them. None where fewer than two channels move.
+    A sample is taken in the row that first shows it, with ``whole`` rows in each. None where fewer than two channels
+    move.
     """
+    of_joints = [stream for stream in streams if stream.name != BASE]
+    every = merge(of_joints)
+    fresh = np.stack([stream.fresh | whole for stream in of_joints for _ in range(stream.position.shape[1])], axis=1)
     moving = moving_channels(log, every)
     if len(moving) < 2:
         return None
