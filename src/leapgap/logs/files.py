@@ -194,7 +194,8 @@ def check_column(path: Path, raw: BinaryIO, column: pq.ColumnChunkMetaData) -> N
     while at < end:
         raw.seek(at)
         try:
-            header, length = Header(raw.read(HEADER_BYTES)).read()
+            page = Header(raw.read(HEADER_BYTES))
+            header, length = page.structure(), page.at
             packed = int(header[PACKED])
             unpacked += int(header[UNPACKED]) + length
             values += sum(int(header[kind][VALUES]) for kind in PAGE_KINDS if kind in header)
@@ -213,10 +214,6 @@ class Header:
 
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
-
-    def read(self) -> tuple[dict[int, Any], int]:
-        """The fields of the structure by their numbers, and its length."""
-        return self.structure(0), self.at
 
     def byte(self) -> int:
         """The byte at the present place, which goes on by one."""
@@ -240,8 +237,8 @@ class Header:
         value = self.whole()
         return (value >> 1) ^ -(value & 1)
 
-    def structure(self, depth: int) -> dict[int, Any]:
-        """Fields until the one that ends the structure."""
+    def structure(self, depth: int = 0) -> dict[int, Any]:
+        """Fields by their numbers, until the one that ends the structure."""
         if depth > DEEPEST_FIELD:
             raise ValueError("too deep")
         fields: dict[int, Any] = {}

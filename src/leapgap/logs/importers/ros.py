@@ -118,7 +118,13 @@ def read_topics(path: Path, options: RosOptions, wanted: Wanted) -> dict[str, To
             times[topic].append(stamp(message, topic, path) if options.stamps == STAMPED else received)
             rows[topic].append(values_of(message, getters[topic], f"{path}, {topic}, message {len(rows[topic])}"))
     first = min((min(stamps) for stamps in times.values()), default=0)
-    return {topic: in_order(times[topic], first, rows[topic], list(getters[topic])) for topic in times}
+    topics = {}
+    for topic, stamps in times.items():  # in the order of time, which is that since the first message of the recording
+        time = (np.array(stamps, dtype=np.int64) - first) * 1e-9
+        order = np.argsort(time, kind="stable")
+        values = np.array(rows[topic], dtype=np.float64)[order]
+        topics[topic] = Topic(time[order], dict(zip(getters[topic], values.T, strict=True)))
+    return topics
 
 
 def check_tables(path: Path) -> None:
@@ -181,14 +187,6 @@ def may_be_mapped(topic: str, options: RosOptions) -> bool:
     names = {name for one in terms for name in one} | set(options.drop_rows) | {options.cut_by or TIME}
     heads = {name.partition("*")[0] for name in names - {TIME}}
     return not heads or any(head.startswith(f"{topic}/") or f"{topic}/".startswith(head) for head in heads)
-
-
-def in_order(stamps: list[int], first: int, rows: list[list[Any]], names: list[str]) -> Topic:
-    """The messages by their time, which is that since the first message of the recording."""
-    time = (np.array(stamps, dtype=np.int64) - first) * 1e-9
-    order = np.argsort(time, kind="stable")
-    values = np.array(rows, dtype=np.float64)[order]
-    return Topic(time[order], dict(zip(names, values.T, strict=True)))
 
 
 def types_of(options: RosOptions) -> Any:
