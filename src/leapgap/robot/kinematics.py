@@ -232,19 +232,8 @@ class Poses:
         return self.positions[:, 0]
 
 
-def body_poses(
-    robot: Robot,
-    joint_pos: np.ndarray,
-    base_position: np.ndarray | None = None,
-    base_quaternion: np.ndarray | None = None,
-    joints: Sequence[str] | None = None,
-) -> Poses:
-    """Forward kinematics of a whole motion; what is not given stays in the model's rest pose.
-
-    ``joint_pos`` is (rows, joints) in rad (m for slides), in the order of ``joints`` or of ``robot.joints``;
-    ``base_position`` (rows, 3) m and ``base_quaternion`` (rows, 4) w x y z are used by a free base alone.
-    """
-    qpos = configurations(robot, joint_pos, base_position, base_quaternion, joints)
+def body_poses(robot: Robot, qpos: np.ndarray) -> Poses:
+    """Forward kinematics of a whole motion of configurations (rows, nq)."""
     moving, count = slice(robot.bodies.start, robot.bodies.stop), len(robot.bodies)
     positions, quaternions = np.empty((len(qpos), count, 3)), np.empty((len(qpos), count, 4))
     feet = np.empty((len(qpos), len(robot.feet), 3))
