@@ -26,7 +26,7 @@ from leapgap.logs.map_proposal.unit_readings import nearest
 from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_QUATERNION, QUANTITIES
 from leapgap.robot.rotations import continuous, upright_cosine
 
-ORDERS = {"w x y z": (0, 1, 2, 3), "x y z w": (3, 0, 1, 2)}  # order of the columns → indices of w, x, y, z in them
+ORDERS = {"w x y z": [0, 1, 2, 3], "x y z w": [3, 0, 1, 2]}  # order of the columns → indices of w, x, y, z in them
 UNLIKE = 0.6  # correlation below which a quaternion does not turn as a gyro says
 NEAR, APART = 0.15, 0.35
 """Distance of two directions of gravity, of length 1, up to which they are the same; and from which on they are not."""
@@ -39,7 +39,7 @@ class Attitude:
     """One reading of four columns as an attitude, and how sure it is."""
 
     columns: tuple[str, ...]
-    order: tuple[int, ...]  # indices of w, x, y, z in the columns
+    order: str  # of the columns, one of ``ORDERS``
     inverse: bool = False  # whether it turns axes of the world into those of the base, the inverse of what a log holds
     known: str = GUESSED
     why: str = "nothing decides it"
@@ -47,12 +47,11 @@ class Attitude:
     @property
     def words(self) -> str:
         """The order in words."""
-        order = next(words for words, order in ORDERS.items() if order == self.order)
-        return f"{order}, world to base, which is turned round" if self.inverse else order
+        return f"{self.order}, world to base, which is turned round" if self.inverse else self.order
 
     def of(self, values: np.ndarray) -> np.ndarray:
         """Quaternions w x y z, base to world, of length 1, from the columns, (rows, 4)."""
-        found = values[:, list(self.order)] * ([1, -1, -1, -1] if self.inverse else [1, 1, 1, 1])
+        found = values[:, ORDERS[self.order]] * ([1, -1, -1, -1] if self.inverse else [1, 1, 1, 1])
         return continuous(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-12))
 
 
@@ -82,8 +81,7 @@ def agreement(first: np.ndarray, second: np.ndarray) -> float:
 
 def attitude_by_physics(found: Mapping[str, Sequence[str]], gravity: str, draft: Draft, named: bool) -> Attitude:
     """The reading that gyro, gravity and accelerometer leave; ``named`` keeps the order, which names state."""
-    orders = [ORDERS["w x y z"]] if named else list(ORDERS.values())
-    columns = tuple(found["base_quat"])
+    orders, columns = ["w x y z"] if named else list(ORDERS), tuple(found["base_quat"])
     every = [Attitude(columns, order, inverse) for inverse in (False, True) for order in orders]
     left, fits, why = every, every, []
     for judge, name, says in (
@@ -199,10 +197,10 @@ def find_base(columns: Sequence[str], draft: Draft) -> None:
     if "base_quat" in found:
         named = {"w", "x"} <= {column[-1].lower() for column in found["base_quat"]}
         attitude = attitude_by_physics(found, GRAVITY_OF_BASE, draft, named)
-        if not named or attitude.inverse or attitude.order != ORDERS["w x y z"]:
+        if not named or attitude.inverse or attitude.order != "w x y z":
             known = SURE if attitude.known == SURE and draft.time_known == SURE else GUESSED
             draft.say(known, f"the quaternion of the base is {attitude.words}: {attitude.why}")
-        found["base_quat"] = [attitude.columns[i] for i in attitude.order]
+        found["base_quat"] = [attitude.columns[i] for i in ORDERS[attitude.order]]
         if attitude.inverse:
             for column in BASE_QUATERNION[1:]:
                 draft.put("factors", column, -1.0)
