@@ -18,8 +18,8 @@ from leapgap.errors import InputError
 from leapgap.logs.log import read_logs
 from leapgap.reports.diagnosis import REPORT, diagnose_folder
 from leapgap.reports.verdict_jobs import Job
+from leapgap.robot.mjcf import own_model
 from leapgap.robot.model import Robot
-from leapgap.robot.self_contained import own_model
 from leapgap.runtime.atomic_io import read_json, write_json, write_metrics
 from leapgap.runtime.cache import ResultCache, foreign_code, result_key
 from leapgap.runtime.executor import Executor

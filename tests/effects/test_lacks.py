@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from leapgap import effects
+from leapgap.robot.actuators import MotorConstants
 from leapgap.robot.model import Robot
-from leapgap.robot.stated_actuators import MotorConstants
 
 ARM = """<mujoco model="arm"><worldbody>{world}<body pos="0 0 1"><joint name="a" axis="0 1 0"/>
   <geom size="0.05" mass="1"/><body pos="0.2 0 0"><joint name="b" axis="0 1 0"/><geom size="0.05" mass="1"/></body>

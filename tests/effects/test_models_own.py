@@ -9,9 +9,9 @@ import pytest
 from leapgap import effects
 from leapgap.jumping.task import ContactSchedule, Target, jump_info
 from leapgap.logs.log import Log
+from leapgap.robot.actuators import MotorConstants
 from leapgap.robot.model import DEFAULT_MODEL, Robot
 from leapgap.robot.motion import Motion
-from leapgap.robot.stated_actuators import MotorConstants
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from tests.conftest import standing

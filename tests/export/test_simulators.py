@@ -101,7 +101,7 @@ def test_ranges_are_those_of_the_intervals(folder: Path, robot: Robot) -> None:
 
 def test_numbers_of_a_robot_keep_no_model_in_memory(robot: Robot, posterior: Posterior) -> None:
     numbers = CorrectedRobot(posterior, robot, {}).numbers(posterior.mean)
-    for name, array in numbers.arrays.items():
+    for name, array in numbers.items():
         owner = array
         while isinstance(owner, np.ndarray) and owner.base is not None:
             owner = owner.base

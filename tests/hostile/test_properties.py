@@ -111,7 +111,8 @@ def test_unpacking_gives_what_was_packed_or_refuses_more(data: bytes, most: int)
 @each(300)
 def test_any_bytes_are_a_header_of_a_page_or_an_error_of_one_kind(data: bytes) -> None:
     try:
-        fields, length = Header(data).read()
+        page = Header(data)
+        fields, length = page.structure(), page.at
     except (IndexError, KeyError, TypeError, ValueError):
         return
     assert isinstance(fields, dict) and length > 0

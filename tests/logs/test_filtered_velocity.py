@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from leapgap.logs.row_clock import FilterRule, filter_of, obeyed_filters, with_clock, without_filter
+from leapgap.logs.message_clock import filter_of, obeyed_filters
+from leapgap.logs.row_clock import with_clock, without_filter
 from leapgap.logs.row_clock_estimate import row_clock
 from tests.logs.test_row_clock import FILTER, JOINTS, STEP_S, motion, of_messages
 
@@ -59,7 +60,7 @@ def test_the_rule_is_told_and_one_message_with_noise_follows_the_others() -> Non
     position = positions[20:]
     shown = np.stack([filtered(positions[:, k]) for k in (0, 1)], axis=1)[20:]
     rule = filter_of(position, shown, STEP_S * np.arange(len(position)), STEP_S)
-    assert rule is not None and rule.kept == pytest.approx(FILTER, abs=1e-6) and rule.share > 0.99
-    told = obeyed_filters({"a": rule, "b": FilterRule(0.355, 0.5), "c": FilterRule(0.6, 0.5), "d": None})
+    assert rule is not None and rule[0] == pytest.approx(FILTER, abs=1e-6) and rule[1] > 0.99
+    told = obeyed_filters({"a": rule, "b": (0.355, 0.5), "c": (0.6, 0.5), "d": None})
     assert set(told) == {"a", "b"}
-    assert obeyed_filters({"b": FilterRule(0.355, 0.5)}) == {}
+    assert obeyed_filters({"b": (0.355, 0.5)}) == {}

@@ -9,7 +9,7 @@ import pytest
 from leapgap import effects
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.errors import InputError
-from leapgap.robot.kinematics import body_poses, centre_of_mass, feet_positions
+from leapgap.robot.kinematics import body_poses, centre_of_mass, configurations, feet_positions
 from leapgap.robot.model import Robot
 from leapgap.robot.terrain import Box
 from leapgap.robot.topology import PartNames
@@ -56,7 +56,7 @@ def test_the_base_is_the_body_with_the_free_joint(tmp_path: Path) -> None:
     assert robot.total_mass == pytest.approx(6.0)
     com = centre_of_mass(robot, robot.model.qpos0[None])[0]
     assert com == pytest.approx([0.1 * 0.02 / 6, 0, (5 * 0.7 + 0.5 * 0.5 + 0.4 * 0.21 + 0.1 * 0.06) / 6])
-    assert body_poses(robot, np.zeros((1, 2))).bodies == ("torso", "thigh", "shank")
+    assert body_poses(robot, configurations(robot, np.zeros((1, 2)))).bodies == ("torso", "thigh", "shank")
     changed = robot.on_terrain(())
     effects.effect("payload", mass_kg=1.0).change_model(changed, robot)
     assert changed.body("torso").mass == pytest.approx(6.0)

@@ -15,8 +15,8 @@ from leapgap.effects.base import Effect, parameter
 from leapgap.effects.drive import Drive
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
+from leapgap.robot.actuators import MotorConstants
 from leapgap.robot.model import DEFAULT_MODEL, Robot
-from leapgap.robot.stated_actuators import MotorConstants
 from leapgap.robot.topology import PartNames
 from leapgap.simulation.corrected import read_corrected, write_corrected
 from leapgap.simulation.replay import Replayer

@@ -14,8 +14,8 @@ from omegaconf import OmegaConf
 from leapgap import effects
 from leapgap.errors import InputError
 from leapgap.logs.log import Log, read_logs
+from leapgap.robot.mjcf import self_contained
 from leapgap.robot.model import Robot
-from leapgap.robot.self_contained import self_contained
 from leapgap.simulation.rollout import Rollout
 from leapgap.validation.case_draw import Case, Half, OwnNumbers, draw_ordinary_cases
 from leapgap.validation.generator import IMPLICIT, Generator, Nuisance

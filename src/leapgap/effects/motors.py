@@ -11,8 +11,8 @@ from leapgap.effects.base import DriveEffect, Effect, ForceContext, Load, MotorE
 from leapgap.effects.drive import Drive, lacks_torque_limits, resistance_of
 from leapgap.errors import InputError
 from leapgap.robot import actuators, dc_motors
+from leapgap.robot.actuators import RESISTANCE, TOP_SPEED, MotorConstants
 from leapgap.robot.model import Robot
-from leapgap.robot.stated_actuators import RESISTANCE, TOP_SPEED, MotorConstants
 
 
 @dataclass(frozen=True)

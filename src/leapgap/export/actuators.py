@@ -1,68 +1,53 @@
 """Settings of the actuators as simulators with joint PDs of their own take them, by joint."""
 
+import re
 from abc import abstractmethod
-from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from leapgap.export.base import CorrectedRobot, Export, exactly, literal
+from leapgap.export.base import CorrectedRobot, Export, literal
 from leapgap.runtime.atomic_io import write_text
 
 
-@dataclass(frozen=True)
-class ActuatorSettings:
-    """Settings of the actuators of the driven joints, SI units; by joint, which keeps the order of the model."""
+def actuator_settings(corrected: CorrectedRobot) -> dict[str, dict[str, Any]]:
+    """Settings of the actuators of the driven joints, SI units, by joint, which keeps the order of the model.
 
-    stiffness: dict[str, float | None]  # gain kp of the joint PD times what a motor delivers of a torque; None: unknown
-    damping: dict[str, float | None]  # gain kd likewise
-    effort_limit: dict[str, float | None]  # none where the model states none
-    armature: dict[str, float]
-    friction: dict[str, float]  # Coulomb friction, a torque
-    viscous_friction: dict[str, float]
-    encoder_bias: dict[str, float]  # reported − true position: what is added to observed joint positions
-    delay_s: dict[str, tuple[float, float]]  # least and largest delay of commands: the 95 % interval; equal where known
+    ``stiffness`` and ``damping`` are gains of the joint PD times what a motor delivers of a torque, None where no log
+    has them; ``effort_limit`` is None where the model states none; ``delay_s`` is the least and the largest delay of
+    commands, by the 95 % interval; what is added to observed joint positions is ``encoder_bias``, reported − true.
+    """
+    robot, numbers = corrected.robot, corrected.corrected
+    driven = [(i, joint) for i, joint in enumerate(robot.joints) if robot.driven[i]]
 
-    @staticmethod
-    def of(corrected: CorrectedRobot) -> "ActuatorSettings":
-        """The settings of a corrected robot."""
-        robot, numbers = corrected.robot, corrected.corrected.joints
-        driven = [(i, joint) for i, joint in enumerate(robot.joints) if robot.driven[i]]
+    def by_joint(key: str) -> dict[str, float]:
+        return {joint: float(numbers[key][i]) for i, joint in driven}
 
-        def by_joint(key: str) -> dict[str, float]:
-            return {joint: float(numbers[key][i]) for i, joint in driven}
+    def delivered(entry: int, scale: dict[str, float]) -> dict[str, float | None]:
+        return {joint: gains[joint][entry] * gain[joint] * scale[joint] if joint in gains else None for joint in gain}
 
-        gain, gains = by_joint("torque_gain"), corrected.gains
-        of_kp, of_kd = by_joint("position_gain"), by_joint("velocity_gain")
-        limits, delay = by_joint("torque_limit"), by_joint("command_delay_s")
-        ranges = corrected.joint_ranges.get("command_delay_s", {})
-        return ActuatorSettings(
-            {joint: gains[joint][0] * gain[joint] * of_kp[joint] if joint in gains else None for joint in gain},
-            {joint: gains[joint][1] * gain[joint] * of_kd[joint] if joint in gains else None for joint in gain},
-            {joint: limit if isfinite(limit) else None for joint, limit in limits.items()},
-            by_joint("armature"),
-            by_joint("friction"),
-            by_joint("damping"),
-            by_joint("encoder_bias_rad"),
-            {
-                joint: (ranges[joint].low, ranges[joint].high) if joint in ranges else (own, own)
-                for joint, own in delay.items()
-            },
-        )
+    gain, gains = by_joint("torque_gain"), corrected.gains
+    limits, delay = by_joint("torque_limit"), by_joint("command_delay_s")
+    ranges = corrected.ranges["joints"].get("command_delay_s", {})
+    return {
+        "stiffness": delivered(0, by_joint("position_gain")),
+        "damping": delivered(1, by_joint("velocity_gain")),
+        "effort_limit": {joint: limit if isfinite(limit) else None for joint, limit in limits.items()},
+        "armature": by_joint("armature"),
+        "friction": by_joint("friction"),
+        "viscous_friction": by_joint("damping"),
+        "encoder_bias": by_joint("encoder_bias_rad"),
+        "delay_s": {
+            joint: (ranges[joint].low, ranges[joint].high) if joint in ranges else (own, own)
+            for joint, own in delay.items()
+        },
+    }
 
-    @property
-    def source(self) -> str:
-        """All settings as Python source; simulators take the joints' names as expressions."""
-        values = {key: {exactly(joint): value for joint, value in of.items()} for key, of in vars(self).items()}
-        says = {"encoder_bias": "reported - true: add it to observed joint positions", "delay_s": "least and largest"}
-        lines = [f"# {key.upper()}: {words}\n" for key, words in says.items()]
-        return "".join([*lines, *(f"{key.upper()} = {literal(of)}\n" for key, of in values.items())])
 
-    @property
-    def missing(self) -> str | None:
-        """What no log says of the joint PD; None where the gains are known."""
-        unknown = [joint for joint, gain in self.stiffness.items() if gain is None]
-        return f"no log has the gains of {', '.join(unknown)}" if unknown else None
+def missing_gains(corrected: CorrectedRobot) -> str | None:
+    """What no log says of the joint PD; None where the gains are known."""
+    unknown = [joint for joint in corrected.robot.driven_joints if joint not in corrected.gains]
+    return f"no log has the gains of {', '.join(unknown)}" if unknown else None
 
 
 STEPS = '''
@@ -85,5 +70,12 @@ class PythonExport(Export):
 
     def write(self, folder: Path, corrected: CorrectedRobot) -> None:
         """Write the Python file."""
-        settings = ActuatorSettings.of(corrected).source
+        # Simulators take the joints' names as expressions
+        values = {
+            key: {re.escape(joint): value for joint, value in of.items()}
+            for key, of in actuator_settings(corrected).items()
+        }
+        says = {"encoder_bias": "reported - true: add it to observed joint positions", "delay_s": "least and largest"}
+        lines = [f"# {key.upper()}: {words}\n" for key, words in says.items()]
+        settings = "".join([*lines, *(f"{key.upper()} = {literal(of)}\n" for key, of in values.items())])
         write_text(folder / self.name, self.source.format(settings=settings, steps=STEPS, **self.further(corrected)))

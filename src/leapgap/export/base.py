@@ -1,6 +1,5 @@
 """Base class of the files that other simulators read, and what they are written from."""
 
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -34,24 +33,6 @@ class Range:
         return {key: shorter(getattr(self, key)) for key in ("value", "low", "high")} | {"unit": self.unit}
 
 
-@dataclass(frozen=True)
-class RobotNumbers:
-    """Numbers of one robot that simulators randomise."""
-
-    joints: Mapping[str, np.ndarray]  # as ``joint_numbers``, (joints,) each
-    body_mass: np.ndarray  # of the bodies of the model, kg, (bodies,)
-    body_ipos: np.ndarray  # centres of mass in body axes, m, (bodies, 3)
-    body_inertia: np.ndarray  # principal moments, kg·m², (bodies, 3)
-    body_iquat: np.ndarray  # principal axes in body axes, (bodies, 4)
-    foot_friction: np.ndarray  # sliding friction, (feet,)
-
-    @property
-    def arrays(self) -> dict[str, np.ndarray]:
-        """All of them by name; of those of joints, what simulators randomise."""
-        fields = {key: getattr(self, key) for key in BODIES_AND_FEET}
-        return {key: self.joints[key] for key in JOINT_UNITS} | fields
-
-
 JOINT_UNITS = {
     "damping": "N·m·s/rad",
     "friction": "N·m",
@@ -65,8 +46,9 @@ JOINT_UNITS = {
 """Numbers of joints that simulators randomise, and their units (of joints that turn)."""
 
 
-BODIES_AND_FEET = ("body_mass", "body_ipos", "body_inertia", "body_iquat", "foot_friction")
-"""Numbers of bodies and feet that simulators randomise."""
+BODY_FIELDS = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
+RANDOMISED = (*JOINT_UNITS, *BODY_FIELDS, "foot_friction")
+"""Numbers of joints, bodies and feet that simulators randomise."""
 
 
 @dataclass(frozen=True)
@@ -82,18 +64,21 @@ class CorrectedRobot:
         """The nominal model, without what only shows."""
         return self.robot.on_terrain(())
 
-    def numbers(self, drawn: np.ndarray) -> RobotNumbers:
-        """Numbers of the robot with numbers (numbers,) of the posterior."""
+    def numbers(self, drawn: np.ndarray) -> dict[str, np.ndarray]:
+        """Numbers of the robot with numbers (numbers,) of the posterior, by name.
+
+        Of joints as ``joint_numbers``, (joints,) each; of the bodies of the model mass, kg, (bodies,), centre, m,
+        principal moments, kg·m², and axes in body axes, (bodies, 3 or 4); of the feet sliding friction, (feet,).
+        """
         effects, robot = self.posterior.with_numbers(drawn), self.robot
         model = changed_model(self.bare, robot, effects)
         feet = [model.geom(name).id for name in robot.foot_geom_names]
         # copies: a view would keep the model, and its meshes, for each robot drawn
-        inertias = (model.body_inertia.copy(), model.body_iquat.copy())
-        bodies = (model.body_mass.copy(), model.body_ipos.copy(), *inertias)
-        return RobotNumbers(joint_numbers(robot, effects, model), *bodies, model.geom_friction[feet, 0])
+        bodies = {field: getattr(model, field).copy() for field in BODY_FIELDS}
+        return {**joint_numbers(robot, effects, model), **bodies, "foot_friction": model.geom_friction[feet, 0]}
 
     @cached_property
-    def corrected(self) -> RobotNumbers:
+    def corrected(self) -> dict[str, np.ndarray]:
         """Numbers of the corrected robot."""
         return self.numbers(self.posterior.mean)
 
@@ -105,8 +90,8 @@ class CorrectedRobot:
     @cached_property
     def arrays(self) -> dict[str, np.ndarray]:
         """Numbers of every drawn robot, by name: (robots, joints), (robots, bodies, …) or (robots, feet)."""
-        every = [self.numbers(one).arrays for one in self.drawn]
-        return {key: np.stack([one[key] for one in every]) for key in every[0]}
+        every = [self.numbers(one) for one in self.drawn]
+        return {key: np.stack([one[key] for one in every]) for key in RANDOMISED}
 
     @cached_property
     def spreads(self) -> dict[str, np.ndarray]:
@@ -115,12 +100,12 @@ class CorrectedRobot:
         for i, step in enumerate(np.sqrt(np.diag(posterior.covariance))):
             ends = np.tile(posterior.mean, (2, 1))
             ends[:, i] = np.clip(ends[:, i] + np.array([-step, step]), posterior.lower[i], posterior.upper[i])
-            below, above = (self.numbers(end).arrays for end in ends)
+            below, above = (self.numbers(end) for end in ends)
             width = ends[1, i] - ends[0, i] or 1.0
-            slopes.append({key: (above[key] - below[key]) / width for key in above})
+            slopes.append({key: (above[key] - below[key]) / width for key in RANDOMISED})
         if not slopes:
-            return {key: np.zeros_like(of) for key, of in self.corrected.arrays.items()}
-        by_key = {key: np.stack([one[key] for one in slopes]) for key in slopes[0]}
+            return {key: np.zeros_like(self.corrected[key]) for key in RANDOMISED}
+        by_key = {key: np.stack([one[key] for one in slopes]) for key in RANDOMISED}
         variance = {key: np.einsum("i...,ij,j...->...", of, posterior.covariance, of) for key, of in by_key.items()}
         return {key: np.sqrt(np.maximum(of, 0.0)) for key, of in variance.items()}
 
@@ -130,26 +115,21 @@ class CorrectedRobot:
         return tuple(self.bare.body(i).name or f"body_{i}" for i in range(self.bare.nbody))
 
     @cached_property
-    def joint_ranges(self) -> dict[str, dict[str, Range]]:
-        """Quantity → joint → range, of what is not known exactly."""
-        found = {key: self._ranges(self.robot.joints, key, unit) for key, unit in JOINT_UNITS.items()}
-        return {key: of for key, of in found.items() if of}
+    def ranges(self) -> dict[str, dict[str, dict[str, Range]]]:
+        """``joints``, ``bodies`` and ``feet`` → quantity → name → range, of what is not known exactly.
 
-    @cached_property
-    def body_ranges(self) -> dict[str, dict[str, Range]]:
-        """``mass`` and ``com_x`` to ``com_z`` → body → range, of what is not known exactly."""
-        found = {"mass": self._ranges(self.body_names, "body_mass", "kg")}
-        found |= {f"com_{axis}": self._ranges(self.body_names, "body_ipos", "m", i) for i, axis in enumerate("xyz")}
-        return {key: of for key, of in found.items() if of}
-
-    @cached_property
-    def foot_ranges(self) -> dict[str, Range]:
-        """Sliding friction of the feet that is not known exactly: geom → range."""
-        return self._ranges(self.robot.foot_geom_names, "foot_friction", "1")
+        Quantities of bodies are ``mass`` and ``com_x`` to ``com_z``; that of feet is ``friction``, by their geoms.
+        """
+        joints = {key: self._ranges(self.robot.joints, key, unit) for key, unit in JOINT_UNITS.items()}
+        bodies = {"mass": self._ranges(self.body_names, "body_mass", "kg")}
+        bodies |= {f"com_{axis}": self._ranges(self.body_names, "body_ipos", "m", i) for i, axis in enumerate("xyz")}
+        feet = {"friction": self._ranges(self.robot.foot_geom_names, "foot_friction", "1")}
+        every = {"joints": joints, "bodies": bodies, "feet": feet}
+        return {kind: {key: of for key, of in own.items() if of} for kind, own in every.items()}
 
     def _ranges(self, names: Sequence[str], key: str, unit: str, column: int | None = None) -> dict[str, Range]:
         """Ranges within those of the drawn robots, which keep to the limits of the numbers."""
-        arrays = [of[key] for of in (self.corrected.arrays, self.spreads, self.arrays)]
+        arrays = [of[key] for of in (self.corrected, self.spreads, self.arrays)]
         own, spread, drawn = arrays if column is None else (of[..., column] for of in arrays)
         low, high = np.maximum(own - SIGMAS * spread, drawn.min(0)), np.minimum(own + SIGMAS * spread, drawn.max(0))
         known = spread <= LEAST_SHARE * np.maximum(np.abs(own), LEAST_SHARE)
@@ -178,11 +158,6 @@ class Export(ABC):
 def shorter(value: float) -> float:
     """A number with six significant digits."""
     return float(f"{value:.6g}")
-
-
-def exactly(name: str) -> str:
-    """The regular expression of one name, for simulators that take expressions."""
-    return re.escape(name)
 
 
 def literal(value: Any) -> str:

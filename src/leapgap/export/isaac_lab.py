@@ -1,7 +1,10 @@
 """Actuators and randomisation for Isaac Lab."""
 
+import re
+from typing import Any
+
 from leapgap.export.actuators import PythonExport
-from leapgap.export.base import CorrectedRobot, exactly, literal
+from leapgap.export.base import CorrectedRobot, literal
 
 SOURCE = '''\
 """A corrected robot for Isaac Lab 2.3 (Isaac Sim 5, where joint friction is a torque).
@@ -110,16 +113,14 @@ class IsaacLab(PythonExport):
 
     def further(self, corrected: CorrectedRobot) -> dict[str, str]:
         """Ranges of bodies, and which numbers of joints vary."""
-        varies = [key for key in ("damping", "friction", "armature") if key in corrected.joint_ranges]
+        varies = [key for key in ("damping", "friction", "armature") if key in corrected.ranges["joints"]]
         # Body → ``mass``, kg, and ``com``: axis → how far the centre of mass is from that of the corrected robot, m
-        found: dict[str, dict[str, object]] = {}
-        for key, of in corrected.body_ranges.items():
+        found: dict[str, dict[str, Any]] = {}
+        for key, of in corrected.ranges["bodies"].items():
             for body, one in of.items():
-                own = found.setdefault(exactly(body), {})
+                own = found.setdefault(re.escape(body), {})
                 if key == "mass":
                     own["mass"] = (one.low, one.high)
                 else:
-                    offsets = own.setdefault("com", {})
-                    assert isinstance(offsets, dict)
-                    offsets[key[-1]] = (one.low - one.value, one.high - one.value)
+                    own.setdefault("com", {})[key[-1]] = (one.low - one.value, one.high - one.value)
         return {"ranges": literal(found), "varies": literal(varies)}

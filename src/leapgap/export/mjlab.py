@@ -1,7 +1,9 @@
 """Actuators and randomisation for mjlab."""
 
-from leapgap.export.actuators import ActuatorSettings, PythonExport
-from leapgap.export.base import CorrectedRobot, exactly, literal
+import re
+
+from leapgap.export.actuators import PythonExport, missing_gains
+from leapgap.export.base import CorrectedRobot, literal
 
 SOURCE = '''\
 """A corrected robot for mjlab 1.6: put `actuators(dt)` into `EntityArticulationInfoCfg` and `EVENTS` among the events.
@@ -82,12 +84,11 @@ class Mjlab(PythonExport):
 
     def lacks(self, corrected: CorrectedRobot) -> str | None:
         """The gains of the joint PD, where no log has them."""
-        return ActuatorSettings.of(corrected).missing
+        return missing_gains(corrected)
 
     def further(self, corrected: CorrectedRobot) -> dict[str, str]:
         """Ranges of joints, bodies and feet."""
-        ranges = corrected.joint_ranges | corrected.body_ranges
-        if corrected.foot_ranges:
-            ranges["foot_friction"] = corrected.foot_ranges
-        plain = {key: {exactly(name): (one.low, one.high) for name, one in of.items()} for key, of in ranges.items()}
+        of = corrected.ranges
+        ranges = of["joints"] | of["bodies"] | {f"foot_{key}": own for key, own in of["feet"].items()}
+        plain = {key: {re.escape(name): (one.low, one.high) for name, one in of.items()} for key, of in ranges.items()}
         return {"ranges": literal(plain)}

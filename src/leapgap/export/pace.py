@@ -1,7 +1,9 @@
 """Actuators for PACE, by the keys of its configuration and the order of its parameters."""
 
-from leapgap.export.actuators import ActuatorSettings, PythonExport
-from leapgap.export.base import CorrectedRobot, exactly, literal
+import re
+
+from leapgap.export.actuators import PythonExport, actuator_settings, missing_gains
+from leapgap.export.base import CorrectedRobot, literal
 
 SOURCE = '''\
 """A corrected robot for PACE 0.2 (`pace_sim2real`, on Isaac Lab 2.3).
@@ -59,11 +61,10 @@ class Pace(PythonExport):
 
     def lacks(self, corrected: CorrectedRobot) -> str | None:
         """The gains of the joint PD, or limits of the motors."""
-        settings = ActuatorSettings.of(corrected)
-        if None in settings.effort_limit.values():
+        if None in actuator_settings(corrected)["effort_limit"].values():
             return "the model states no limits of its torques, which PACE asks for"
-        return settings.missing
+        return missing_gains(corrected)
 
     def further(self, corrected: CorrectedRobot) -> dict[str, str]:
         """The names of the joints, and as they stand in expressions."""
-        return {"names": literal({joint: exactly(joint) for joint in corrected.robot.driven_joints})}
+        return {"names": literal({joint: re.escape(joint) for joint in corrected.robot.driven_joints})}

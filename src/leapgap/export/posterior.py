@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 from scipy.special import ndtri
@@ -91,8 +92,7 @@ def correlations(numbers: Sequence[tuple[Effect, str]], robot: Robot, fit: Candi
     own = [(h, p.name) for h in fit.hypotheses for p in h.parameters]
     row = {(h.name, h.location, name): i for i, (h, name) in enumerate(own) if h.per_log is None}
     at = [row.get((effect.called(robot), effect.location, name)) for effect, name in numbers]
-    for i, one in enumerate(at):
-        for k, other in enumerate(at):
-            if i != k and one is not None and other is not None:
-                found[i, k] = np.clip(covariance[one, other] / (spread[one] * spread[other]), -1.0, 1.0)
+    for (i, one), (k, other) in permutations(enumerate(at), 2):
+        if one is not None and other is not None:
+            found[i, k] = np.clip(covariance[one, other] / (spread[one] * spread[other]), -1.0, 1.0)
     return found

@@ -1,6 +1,7 @@
 """Ranges to randomise over, for any simulator: by number of the diagnosis, joint, body and foot."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -28,20 +29,16 @@ class Randomisation(Export):
         spread = np.sqrt(np.diag(posterior.covariance))
         with np.errstate(divide="ignore", invalid="ignore"):
             correlation = np.nan_to_num(posterior.covariance / np.outer(spread, spread))
-        content = {
+        content: dict[str, Any] = {
             "numbers": {
                 label: {"value": shorter(value), "standard_deviation": shorter(own)}
                 for label, value, own in zip(posterior.labels, posterior.mean, spread, strict=True)
             },
             "correlation": [[round(float(one), 3) for one in row] for row in correlation],
-            "joints": {
-                key: {joint: one.rounded() for joint, one in of.items()} for key, of in corrected.joint_ranges.items()
-            },
-            "bodies": {
-                key: {body: one.rounded() for body, one in of.items()} for key, of in corrected.body_ranges.items()
-            },
-            "feet": {"friction": {foot: one.rounded() for foot, one in corrected.foot_ranges.items()}},
+            **{"joints": {}, "bodies": {}, "feet": {"friction": {}}},
         }
+        for kind, ranges in corrected.ranges.items():
+            content[kind] |= {key: {name: one.rounded() for name, one in of.items()} for key, of in ranges.items()}
         text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
         write_text(folder / self.name, HEAD + text)
 

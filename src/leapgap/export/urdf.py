@@ -1,12 +1,13 @@
 """The corrected robot as a URDF: a URDF of the user's with other numbers, or the tree of an MJCF without its shapes."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
-from leapgap.export.base import CorrectedRobot, Export, RobotNumbers
+from leapgap.export.base import BODY_FIELDS, CorrectedRobot, Export
 from leapgap.robot.mjcf import copy_asset
 from leapgap.robot.model_file import is_urdf, parsed
 from leapgap.robot.rotations import matrix_of
@@ -43,9 +44,10 @@ class Urdf(Export):
         for i, name in enumerate(robot.joints):
             if (joint := joints.get(name)) is None:
                 continue  # one of the three that MuJoCo makes of a planar joint, which has one damping for all
-            of = {key: float(numbers.joints[key][i]) for key in ("damping", "friction", "torque_limit")}
-            child(joint, "dynamics").attrib |= {key: number(of[key]) for key in ("damping", "friction")}
-            limit = joint.find("limit")
+            of = {key: float(numbers[key][i]) for key in ("damping", "friction", "torque_limit")}
+            dynamics, limit = joint.find("dynamics"), joint.find("limit")
+            dynamics = ElementTree.SubElement(joint, "dynamics") if dynamics is None else dynamics
+            dynamics.attrib |= {key: number(of[key]) for key in ("damping", "friction")}
             if limit is not None and of["torque_limit"] != robot.torque_limits[i] and np.isfinite(of["torque_limit"]):
                 limit.set("effort", number(of["torque_limit"]))
         ElementTree.indent(root)
@@ -67,8 +69,7 @@ def change_links(root: ElementTree.Element, corrected: CorrectedRobot) -> None:
         if below not in corrected.body_names:
             fixed.setdefault(above, []).append(below)
     for body in corrected.robot.bodies:
-        fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
-        pairs = [(getattr(nominal, field)[body], getattr(numbers, field)[body]) for field in fields]
+        pairs = [(getattr(nominal, field)[body], numbers[field][body]) for field in BODY_FIELDS]
         name = corrected.body_names[body]
         if name not in links or all(np.allclose(*pair, rtol=CHANGED, atol=0) for pair in pairs):
             continue
@@ -175,16 +176,18 @@ def add_origin(element: ElementTree.Element, place: np.ndarray, turn: np.ndarray
     ElementTree.SubElement(element, "origin", {"xyz": vector(place), "rpy": vector([roll, pitch, yaw])})
 
 
-def set_inertia(link: ElementTree.Element, numbers: RobotNumbers, body: int, offset: np.ndarray | float = 0.0) -> None:
+def set_inertia(
+    link: ElementTree.Element, numbers: Mapping[str, np.ndarray], body: int, offset: np.ndarray | float = 0.0
+) -> None:
     """Give a link the mass, centre of mass and inertia of a body; ``offset`` is its frame's in that of the body, m."""
     for old in link.findall("inertial"):
         link.remove(old)
     inertial = ElementTree.Element("inertial")
     link.insert(0, inertial)
-    ElementTree.SubElement(inertial, "origin", {"xyz": vector(numbers.body_ipos[body] - offset), "rpy": "0 0 0"})
-    ElementTree.SubElement(inertial, "mass", {"value": number(numbers.body_mass[body])})
-    turn = matrix_of(numbers.body_iquat[body])
-    tensor = turn @ np.diag(numbers.body_inertia[body]) @ turn.T
+    ElementTree.SubElement(inertial, "origin", {"xyz": vector(numbers["body_ipos"][body] - offset), "rpy": "0 0 0"})
+    ElementTree.SubElement(inertial, "mass", {"value": number(numbers["body_mass"][body])})
+    turn = matrix_of(numbers["body_iquat"][body])
+    tensor = turn @ np.diag(numbers["body_inertia"][body]) @ turn.T
     add_tensor(inertial, tensor)
 
 
@@ -192,12 +195,6 @@ def add_tensor(inertial: ElementTree.Element, tensor: np.ndarray) -> None:
     """Add a tensor of inertia, (3, 3)."""
     names = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
     ElementTree.SubElement(inertial, "inertia", {name: number(tensor[at]) for name, at in names.items()})
-
-
-def child(element: ElementTree.Element, tag: str) -> ElementTree.Element:
-    """The child of a tag, made where there is none."""
-    found = element.find(tag)
-    return ElementTree.SubElement(element, tag) if found is None else found
 
 
 def number(value: float) -> str:

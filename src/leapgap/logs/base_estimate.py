@@ -94,23 +94,17 @@ class BaseEstimate:
 
     def first_rows(self, rows: int) -> "BaseEstimate":
         """The estimate of the first rows."""
-        return BaseEstimate(
-            self.position[:rows], self.velocity[:rows], self.height_deviation[:rows], self.velocity_deviation[:rows]
-        )
+        return BaseEstimate(**{name: values[:rows] for name, values in vars(self).items()})
 
 
 def check_base(log: Log, robot: Robot) -> None:
     """Raise ``InputError`` for a log from which the base of a floating robot cannot be estimated."""
-    lacks = [
+    has_joints = all(f"joint_pos/{joint}" in log for joint in robot.joints)
+    for has, what, do in (
         (robot.feet, "feet of the model", "name them (names.feet), or log the position of the base"),
         (not log.info.terrain, "level ground", "log the position of the base: it walks on blocks"),
-        (
-            all(f"joint_pos/{joint}" in log for joint in robot.joints),
-            "positions of all joints",
-            "log them, or the position of the base",
-        ),
-    ]
-    for has, what, do in lacks:
+        (has_joints, "positions of all joints", "log them, or the position of the base"),
+    ):
         if not has:
             found = "no base_pos_x, base_pos_y, base_pos_z"
             raise InputError(log.name, found, f"the position of the base, or {what} to estimate it from", do)

@@ -35,8 +35,3 @@ def even_clock(time: np.ndarray, period_s: float) -> np.ndarray:
 def held_at(instants: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """The last value at or before each instant, as a robot keeps a command; the first value before the first row."""
     return values[np.clip(np.searchsorted(time, instants + 1e-9, "right") - 1, 0, len(time) - 1)]
-
-
-def interpolated_at(instants: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Measured values (rows,) between the rows beside each instant, on a straight line."""
-    return np.interp(instants, time, values)

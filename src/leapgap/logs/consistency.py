@@ -18,7 +18,6 @@ def check_complete(columns: Columns, joints: Sequence[str], where: str) -> None:
     """Raise ``InputError`` for columns that make no log; ``joints`` are those with a commanded torque."""
     check_names(columns, where)
     check_rows(columns, where)
-    check_times(columns, where)
     check_commands(columns, joints, where)
     check_base(columns, where)
 
@@ -32,7 +31,7 @@ def check_names(columns: Columns, where: str) -> None:
 
 
 def check_rows(columns: Columns, where: str) -> None:
-    """Two or more rows in every column, with finite numbers."""
+    """Two or more rows in every column, with finite numbers, and a time that never stands still or runs back."""
     if "time" not in columns:
         raise InputError(where, "no column time", "a strictly increasing time, s", "add the column")
     rows = len(columns["time"])
@@ -46,22 +45,13 @@ def check_rows(columns: Columns, where: str) -> None:
             found = f"{len(bad)} values that are no number, first in row {bad[0]}"
             do = "repair the log, or leave the column out if it was not measured"
             raise InputError(f"{where}, column {name}", found, "finite numbers", do)
-
-
-def check_times(columns: Columns, where: str) -> None:
-    """Raise ``InputError`` where time stands still or runs back from one row to the next."""
     back = np.flatnonzero(np.diff(columns["time"]) <= 0)
     if len(back):
-        found = f"a step of {np.diff(columns['time'])[back[0]]:g} s after row {back[0]}{copies_in_words(columns, back)}"
+        found = f"a step of {np.diff(columns['time'])[back[0]]:g} s after row {back[0]}"
+        if all((values[back] == values[back + 1]).all() for values in columns.values()):
+            found += f" ({len(back)} rows are there twice, equal in every column)"
         do = "sort the rows, or repair the clock"
         raise InputError(f"{where}, column time", found, "strictly increasing times", do)
-
-
-def copies_in_words(columns: Columns, rows: np.ndarray) -> str:
-    """Whether the rows after these are copies of them in every column, in words; empty where they are not."""
-    if not all((values[rows] == values[rows + 1]).all() for values in columns.values()):
-        return ""
-    return f" ({len(rows)} rows are there twice, equal in every column)"
 
 
 def check_commands(columns: Columns, joints: Sequence[str], where: str) -> None:

@@ -3,13 +3,12 @@
 A diagnosis of ten minutes learns no more from each second than one of one minute, but takes ten times as long.
 """
 
-import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from leapgap.logs.clock import even_clock, held_at, interpolated_at
+from leapgap.logs.clock import even_clock, held_at
 from leapgap.logs.files import check_values_fit
 from leapgap.logs.log import Log
 from leapgap.logs.metadata import ROUNDING_S, Segment
@@ -47,79 +46,42 @@ def rows_between(log: Log, begin: int, end: int, name: str) -> Log:
     columns = {column: values[begin:end].copy() for column, values in log.columns.items()}
     start, stop = float(log.time[begin]), float(log.time[end - 1])
     columns["time"] -= start
-    return Log(name, columns, replace(log.info, stated_segments=segments_between(log, start, stop)))
-
-
-def segments_between(log: Log, start_s: float, stop_s: float) -> tuple[Segment, ...]:
-    """What of a log's segments lies between two times, by the time since the first of them.
-
-    Phases of a jump that follow from its schedule are stated, since the schedule counts from the first row.
-    """
-    return tuple(
-        Segment(one.name, max(one.begin_s, start_s) - start_s, min(one.end_s, stop_s) - start_s)
+    # Phases of a jump that follow from its schedule are stated, since the schedule counts from the first row
+    segments = tuple(
+        Segment(one.name, max(one.begin_s, start) - start, min(one.end_s, stop) - start)
         for one in log.info.segments
-        if min(one.end_s, stop_s) - max(one.begin_s, start_s) > ROUNDING_S
+        if min(one.end_s, stop) - max(one.begin_s, start) > ROUNDING_S
     )
+    return Log(name, columns, replace(log.info, stated_segments=segments))
 
 
-@dataclass(frozen=True)
-class Stretch:
-    """Some rows of a log that follow each other."""
+def choose_stretches(logs: Sequence[Log]) -> tuple[list[Log], tuple[str, ...]]:
+    """The logs, or stretches of them with about ``MOST_ROWS`` and ``MOST_S`` at most; a sentence on what is left out.
 
-    log: Log
-    begin: int
-    end: int
-
-    @property
-    def rows(self) -> int:
-        """Number of its rows."""
-        return self.end - self.begin
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether it is the whole log."""
-        return self.rows == len(self.log)
-
-    def cut(self) -> Log:
-        """A log of its own, whose time begins at 0."""
-        if self.is_whole:
-            return self.log
-        return rows_between(self.log, self.begin, self.end, f"{self.log.name}_at_{self.log.time[self.begin]:.0f}_s")
-
-
-def stretches_of(log: Log) -> list[Stretch]:
-    """A log as stretches of equal length, none shorter than ``STRETCH_S``."""
-    length_s = float(log.time[-1] - log.time[0]) * len(log) / (len(log) - 1)  # with the period of the last row
-    number = max(1, int(length_s / STRETCH_S + 1e-6))
-    edges = [i * len(log) // number for i in range(number + 1)]
-    return [Stretch(log, begin, end) for begin, end in itertools.pairwise(edges)]
-
-
-def choose_stretches(logs: Sequence[Log], most_rows: int | None = None) -> tuple[list[Log], tuple[str, ...]]:
-    """The logs, or stretches of them with no more than about ``most_rows`` rows, and a sentence on what is left out.
-
-    By default ``MOST_ROWS``, and no more than about ``MOST_S``. Long logs are cut into stretches of ``STRETCH_S``; of
-    these and of short logs, in their order, every n-th is taken.
+    Long logs are cut into stretches of ``STRETCH_S``; of these and of short logs, in their order, every n-th is taken.
     """
-    most_rows = MOST_ROWS if most_rows is None else most_rows
     total, whole_s = sum(len(log) for log in logs), sum(log.time[-1] - log.time[0] for log in logs)
-    share = min(most_rows / total, MOST_S / whole_s)
+    share = min(MOST_ROWS / total, MOST_S / whole_s)
     if share >= 1:
         return list(logs), ()
-    every = [stretch for log in logs for stretch in stretches_of(log)]
+    every: list[tuple[Log, int, int]] = []  # logs, each with the first row of a stretch and that after its last
+    for log in logs:
+        length_s = float(log.time[-1] - log.time[0]) * len(log) / (len(log) - 1)  # with the period of the last row
+        parts = max(1, int(length_s / STRETCH_S + 1e-6))
+        every += [(log, i * len(log) // parts, (i + 1) * len(log) // parts) for i in range(parts)]
     number = min(len(every), max(LEAST_STRETCHES, int(share * len(every))))
     chosen = [every[i * len(every) // number] for i in range(number)]
-    return [stretch.cut() for stretch in chosen], (left_out(chosen, every, len(logs), total),)
-
-
-def left_out(chosen: Sequence[Stretch], every: Sequence[Stretch], logs: int, total: int) -> str:
-    """The sentence on what a diagnosis leaves out."""
-    kind = "logs" if all(stretch.is_whole for stretch in every) else f"stretches of {STRETCH_S:g} s and more"
-    rows = sum(stretch.rows for stretch in chosen)
-    return (
-        f"{len(chosen)} of {len(every)} {kind}, spread evenly over {logs} logs, were diagnosed "
-        f"({rows} of {total} samples): more would take longer and change little"
+    are_whole = all(end - begin == len(log) for log, begin, end in every)
+    kind = "logs" if are_whole else f"stretches of {STRETCH_S:g} s and more"
+    left_out = (
+        f"{len(chosen)} of {len(every)} {kind}, spread evenly over {len(logs)} logs, were diagnosed "
+        f"({sum(end - begin for _, begin, end in chosen)} of {total} samples): more would take longer and change little"
     )
+    found = [
+        log if end - begin == len(log) else rows_between(log, begin, end, f"{log.name}_at_{log.time[begin]:.0f}_s")
+        for log, begin, end in chosen
+    ]
+    return found, (left_out,)
 
 
 HELD = (*COMMANDS, "contact")  # quantities that keep their value between two rows
@@ -133,12 +95,12 @@ def on_even_clock(log: Log, period_s: float) -> Log:
     instants = even_clock(log.time, period_s)
     columns: dict[str, np.ndarray] = {}
     for name, values in log.columns.items():
-        at = held_at if name.partition("/")[0] in HELD else interpolated_at
+        at = held_at if name.partition("/")[0] in HELD else np.interp
         columns[name] = at(instants, log.time, values)
     columns["time"] = instants
     if BASE_QUATERNION[0] in log:
         turn = log.stack(BASE_QUATERNION)
-        between = np.stack([interpolated_at(instants, log.time, one) for one in turn.T], axis=1)
+        between = np.stack([np.interp(instants, log.time, one) for one in turn.T], axis=1)
         columns |= zip(BASE_QUATERNION, (between / np.linalg.norm(between, axis=1, keepdims=True)).T, strict=True)
     source = f"{log.info.source}; resampled to {period_s:g} s"
     return replace(log, columns=columns, info=replace(log.info, sample_period_s=period_s, source=source))

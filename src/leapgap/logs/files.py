@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import Any, BinaryIO
 
 import pyarrow.parquet as pq
 
@@ -99,19 +99,6 @@ MOST_UNPACKED = 1_000_000_000  # bytes that a packed text or piece may have
 PIECE_BYTES, READ_BYTES = 1 << 20, 1 << 16  # bytes that are unpacked, and read, at once
 
 
-class Unpacker(Protocol):
-    """What ``zlib``, ``bz2``, ``lz4.frame`` and ``zstd`` unpack with, piece by piece."""
-
-    @property
-    def eof(self) -> bool:
-        """Whether the frame is over."""
-        ...
-
-    def decompress(self, data: bytes, max_length: int, /) -> bytes:
-        """At most so many further bytes."""
-        ...
-
-
 class Bounded(io.RawIOBase):
     """A stream that is read from its begin and refuses to give more than ``most`` bytes."""
 
@@ -137,8 +124,11 @@ def too_much(where: object, most: int) -> InputError:
     return InputError(where, f"more than {most} bytes when unpacked", f"{most} at most", "cut it into several files")
 
 
-def unpack(data: bytes, start: Callable[[], Unpacker], where: object, most: int = MOST_UNPACKED) -> bytes:
-    """Unpack one piece of data, of one or several frames; ``InputError`` where more than ``most`` bytes come out."""
+def unpack(data: bytes, start: Callable[[], Any], where: object, most: int = MOST_UNPACKED) -> bytes:
+    """Unpack one piece of data, of one or several frames; ``InputError`` where more than ``most`` bytes come out.
+
+    ``start`` makes what ``zlib``, ``bz2``, ``lz4.frame`` and ``zstd`` unpack a frame with, piece by piece.
+    """
     parts, left = [], most
     while data:
         unpacker = start()
@@ -204,7 +194,8 @@ def check_column(path: Path, raw: BinaryIO, column: pq.ColumnChunkMetaData) -> N
     while at < end:
         raw.seek(at)
         try:
-            header, length = Header(raw.read(HEADER_BYTES)).read()
+            page = Header(raw.read(HEADER_BYTES))
+            header, length = page.structure(), page.at
             packed = int(header[PACKED])
             unpacked += int(header[UNPACKED]) + length
             values += sum(int(header[kind][VALUES]) for kind in PAGE_KINDS if kind in header)
@@ -223,10 +214,6 @@ class Header:
 
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
-
-    def read(self) -> tuple[dict[int, Any], int]:
-        """The fields of the structure by their numbers, and its length."""
-        return self.structure(0), self.at
 
     def byte(self) -> int:
         """The byte at the present place, which goes on by one."""
@@ -250,8 +237,8 @@ class Header:
         value = self.whole()
         return (value >> 1) ^ -(value & 1)
 
-    def structure(self, depth: int) -> dict[int, Any]:
-        """Fields until the one that ends the structure."""
+    def structure(self, depth: int = 0) -> dict[int, Any]:
+        """Fields by their numbers, until the one that ends the structure."""
         if depth > DEEPEST_FIELD:
             raise ValueError("too deep")
         fields: dict[int, Any] = {}

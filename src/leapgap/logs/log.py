@@ -277,10 +277,11 @@ def read_log(path: Path) -> Log:
     with decoding(path, "Parquet", "import the log again"):
         table, metadata = read_parquet(path)
         names, rows = table.column_names, table.num_rows
-        columns = {
-            name: copy_floats(column.cast(pa.float64(), safe=False).to_numpy())
-            for name, column in zip(names, table.columns, strict=True)
-        }
+        columns = {}
+        for name, column in zip(names, table.columns, strict=True):
+            # A copy: the arrays of the table lie in buffers of twice their size, which live as long as any of them
+            columns[name] = column.cast(pa.float64(), safe=False).to_numpy().copy()
+            columns[name].flags.writeable = False
     text = metadata[METADATA_KEY]
     checksum = header_checksum(text, names, rows)
     if metadata.get(CHECKSUM_KEY, checksum) != checksum:
@@ -290,16 +291,6 @@ def read_log(path: Path) -> Log:
     check_period(path, log.time, info.sample_period_s)
     check_read(log, path)
     return log
-
-
-def copy_floats(values: np.ndarray) -> np.ndarray:
-    """A read-only copy of a column.
-
-    The arrays of a Parquet table lie in buffers of twice their size, which live as long as any of them.
-    """
-    copy = values.copy()
-    copy.flags.writeable = False
-    return copy
 
 
 def read_parquet(path: Path) -> tuple[pa.Table, Mapping[bytes, bytes]]:
@@ -331,16 +322,21 @@ def check_read(log: Log, where: object) -> None:
     check_physics(log.columns, log.joints, where)
 
 
+def log_files(folder: Path) -> list[Path]:
+    """Files of the logs in a folder, in the order of their names; ``InputError`` where it cannot be read."""
+    if not folder.is_dir():
+        raise InputError(folder, "no such folder", "a folder of logs", "convert your logs first: leapgap import")
+    check_folder(folder)
+    return sorted(folder.glob("*.parquet"))
+
+
 def read_logs(folder: Path) -> list[Log]:
     """All logs of a folder, in the order of their names; empty where there is none.
 
     ``InputError`` lists all files that cannot be used; ``reading.read_folder`` goes on without them.
     """
-    if not folder.is_dir():
-        raise InputError(folder, "no such folder", "a folder of logs", "convert your logs first: leapgap import")
-    check_folder(folder)
     logs, errors = [], []
-    for path in sorted(folder.glob("*.parquet")):
+    for path in log_files(folder):
         try:
             logs.append(read_log(path))
         except InputError as error:

@@ -1,6 +1,6 @@
 """The clock of a log that shows the latest message of each kind: one system of equations for all rows and samples."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,8 +9,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from leapgap.logs.log import Log
-from leapgap.logs.row_clock import FilterRule, RowClock, filter_of, obeyed_filters
-from leapgap.logs.streams import BASE, CURVATURE, NOISE_WINDOW, OUTLIER, VELOCITY, Stream, mean_row
+from leapgap.logs.row_clock import BASE, CURVATURE, NOISE_WINDOW, OUTLIER, VELOCITY, RowClock, Stream, mean_row
 
 FREE = 25.0  # standard deviation of a row's length that is assumed beforehand, in sample periods: next to no assumption
 LAG, LAG_SPREAD = 0.3, 0.4  # how late a sample is in the row that first shows it: mean and deviation, in sample periods
@@ -40,14 +39,6 @@ class System:
     equations: np.ndarray  # as ``EQUATION``, (equations,)
     first: np.ndarray  # index of each message's first sample among the unknowns, behind the rows; and their number
     sharpness: tuple[np.ndarray, ...]  # of each message's times between samples, by motion alone, standard deviation, s
-
-    def matrix(self) -> sp.csr_matrix:
-        """Left sides, (equations, unknowns); the number after the last unknown stands for 0."""
-        known, number = self.equations, np.arange(len(self.equations))
-        unknowns = np.concatenate([known["plus"], known["minus"]])
-        values = np.concatenate([known["by"], -known["by"]])
-        whole = sp.csr_matrix((values, (np.tile(number, 2), unknowns)), shape=(len(number), int(self.first[-1]) + 1))
-        return whole[:, :-1]
 
 
 def clock_of_messages(log: Log, streams: Sequence[Stream]) -> RowClock:
@@ -105,13 +96,10 @@ def system_of(streams: Sequence[Stream], period: float) -> System:
             spread = np.hypot(np.sqrt(2) * noise, curved)
             found.append(equations(after, after - 1, by=mean, right=np.diff(q), spread=spread, bend=bend, stream=k))
             sharp = np.minimum(sharp, spread / np.maximum(np.abs(mean), 1e-9))
-        moves, sharp = (found, sharp)
-        at = np.flatnonzero(stream.fresh)
-        after = first[k] + np.arange(1, len(at))
         shown, late = first[k] + np.cumsum(stream.fresh) - 1, np.where(stream.fresh, LAG_SPREAD, 3 * LAG_SPREAD)
         parts += [
-            *moves,
-            equations(after, after - 1, right=period * np.diff(at), spread=FREE * period),
+            *found,
+            equations(after, after - 1, right=period * between, spread=FREE * period),
             equations(np.arange(rows), shown, right=LAG * period, spread=late * period),
         ]
         sharpness.append(sharp)
@@ -124,7 +112,12 @@ def solve(system: System, streams: Sequence[Stream], period: float) -> tuple[np.
 
     A velocity may be that of a moment before its position; this delay of each message is found on the way.
     """
-    matrix, known, rows = system.matrix(), system.equations, int(system.first[0])
+    known, rows = system.equations, int(system.first[0])
+    # Left sides, (equations, unknowns); the number after the last unknown stands for 0
+    number, unknowns = np.arange(len(known)), np.concatenate([known["plus"], known["minus"]])
+    values = np.concatenate([known["by"], -known["by"]])
+    whole = sp.csr_matrix((values, (np.tile(number, 2), unknowns)), shape=(len(number), int(system.first[-1]) + 1))
+    matrix = whole[:, :-1]
     of, bend, before = np.maximum(known["stream"], 0), known["bend"], 1 / known["spread"]  # no bend, no delay
     delay, weight, found = np.full(len(streams), period / 2), before, np.zeros(0)
     row_of_unknown = [np.arange(rows) + 0.5, *(np.flatnonzero(stream.fresh) for stream in streams)]
@@ -148,22 +141,54 @@ STEPS_S = (0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.0005, 0.00025)
 """Steps of simulations and control loops that are looked for, s, longest first."""
 
 
-def velocity_filters(streams: Sequence[Stream], taken: Sequence[np.ndarray], step: float) -> dict[str, FilterRule]:
-    """Rules by which velocities were computed from positions, by the velocity columns of joints that obey one."""
+LEAST_OBEYED = 0.8  # share of the pairs of samples from which a rule counts as that which made them
+DIGITS = 0.02  # a pair obeys where it asks for a share kept that differs by less
+LEAST_PAIRS = 20  # fewer pairs of samples tell no rule
+
+
+def velocity_filters(streams: Sequence[Stream], taken: Sequence[np.ndarray], step: float) -> dict[str, float]:
+    """Velocity columns of joints that were computed from positions → the share that they keep of the one before."""
     joints = [(stream, samples) for stream, samples in zip(streams, taken, strict=True) if stream.name != BASE]
-    rules = obeyed_filters(
+    kept = obeyed_filters(
         {
             stream.name: filter_of(stream.position[stream.fresh], stream.velocity[stream.fresh], samples, step)
             for stream, samples in joints
         }
     )
-    return {
-        column: rules[stream.name]
-        for stream, _ in joints
-        if stream.name in rules
-        for column in stream.columns
-        if column.startswith(VELOCITY)
-    }
+    columns = [(column, stream.name) for stream, _ in joints if stream.name in kept for column in stream.columns]
+    return {column: kept[name] for column, name in columns if column.startswith(VELOCITY)}
+
+
+def filter_of(
+    position: np.ndarray, velocity: np.ndarray, instants: np.ndarray, step: float
+) -> tuple[float, float] | None:
+    """The rule by which velocities (samples, channels) were computed from positions; None where there are few pairs.
+
+    They are a share, which is kept, of the one before, and the rest of the last difference of positions over a step.
+    That share, and the share of the pairs of samples that obey it to their last digits. ``instants`` (samples,), s.
+    Pairs of samples one step apart are looked at, the half of them in which the velocity changes most.
+    """
+    next_step = np.round(np.diff(instants) / step) == 1
+    moved = np.diff(position, axis=0)[next_step] / step
+    before, after = velocity[:-1][next_step], velocity[1:][next_step]
+    change = np.abs(moved - before)
+    tells = change > np.median(change, axis=0) if len(change) else change > 0
+    if tells.sum() < LEAST_PAIRS:
+        return None
+    kept = (moved - after)[tells] / (moved - before)[tells]
+    usual = float(np.median(kept))
+    return usual, float((np.abs(kept - usual) < DIGITS).mean())
+
+
+def obeyed_filters(filters: Mapping[str, tuple[float, float] | None]) -> dict[str, float]:
+    """Shares that messages keep by the rules, as ``filter_of``, that surely made their velocities.
+
+    None where no message obeys its own. A message with more noise counts where its pairs ask, in the median, for what
+    the others obey.
+    """
+    told = {name: one for name, one in filters.items() if one is not None and -DIGITS < one[0] < 1 - DIGITS}
+    sure = [kept for kept, share in told.values() if share > LEAST_OBEYED]
+    return {name: max(own, 0.0) for name, (own, _) in told.items() if any(abs(own - kept) < DIGITS for kept in sure)}
 
 
 LEAST_WHOLE = 0.85  # share of the precise times between samples that are one or more whole steps, from which all are

@@ -40,28 +40,23 @@ def jump_segments(schedule: Mapping[str, float]) -> tuple[Segment, ...]:
     return tuple(Segment(*each) for each in zip(names, (0.0, *ends[:-1]), ends, strict=True))
 
 
-def equal_segments(duration_s: float, number: int = 4) -> tuple[Segment, ...]:
-    """Equal parts of a time, for a log that states no segments; the last is open at its end."""
-    bounds = np.linspace(0, duration_s, number + 1)[:-1].tolist()
+def equal_segments(duration_s: float) -> tuple[Segment, ...]:
+    """Four equal parts of a time, for a log that states no segments; the last is open at its end."""
+    bounds = np.linspace(0, duration_s, 5)[:-1].tolist()
     ends = [*bounds[1:], math.inf]
     return tuple(Segment(f"part_{k + 1}", begin, end) for k, (begin, end) in enumerate(zip(bounds, ends, strict=True)))
 
 
 def contact_segments(time_s: np.ndarray, contact: np.ndarray, feet: Sequence[str]) -> tuple[Segment, ...]:
-    """Runs of rows with the same feet in contact (bool, (rows, feet)), named by these feet."""
+    """Runs of rows with the same feet in contact (bool, (rows, feet)), named by these feet: ``FL+RR``."""
     begins = np.flatnonzero(np.concatenate([[True], (contact[1:] != contact[:-1]).any(axis=1)]))
     ends = [*time_s[begins[1:]].tolist(), math.inf]
-    return tuple(
-        Segment(name_of_stance(contact[row], feet), float(time_s[row]), end)
-        for row, end in zip(begins, ends, strict=True)
-    )
-
-
-def name_of_stance(contact: np.ndarray, feet: Sequence[str]) -> str:
-    """Name of a set of feet in contact: ``all_feet``, ``no_foot``, or ``FL+RR``."""
-    if contact.all():
-        return "all_feet"
-    return "+".join(foot for foot, touches in zip(feet, contact, strict=True) if touches) or "no_foot"
+    found = []
+    for row, end in zip(begins, ends, strict=True):
+        touching = [foot for foot, touches in zip(feet, contact[row], strict=True) if touches]
+        name = "all_feet" if len(touching) == len(feet) else "+".join(touching) or "no_foot"
+        found.append(Segment(name, float(time_s[row]), end))
+    return tuple(found)
 
 
 def segment_of_rows(segments: Sequence[Segment], time_s: np.ndarray) -> np.ndarray:
@@ -97,21 +92,28 @@ def read_metadata(text: str | bytes, where: object) -> dict[str, Any]:
         raise InputError(where, "metadata nested too deep to be read", f"at most {DEEPEST} levels", DO) from None
     if not isinstance(stated, dict):
         raise InputError(where, f"metadata that are no object but {kind_of(stated)}", "a JSON object", DO)
-    if depth(stated) > DEEPEST:
-        raise InputError(where, f"metadata of {depth(stated)} levels", f"at most {DEEPEST} levels", DO)
-    check_texts(stated, f"{where}, metadata")
+    check_contents(stated, where)
     check_entries(stated, f"{where}, metadata")
     return stated
 
 
-def check_texts(stated: Mapping[str, Any], where: str) -> None:
-    """No control characters in any text, key or value: they are printed, and written into pages."""
-    left: list[Any] = [stated]
-    while left:
-        value = left.pop()
-        left += [*value, *value.values()] if isinstance(value, dict) else value if isinstance(value, list) else ()
-        if isinstance(value, str) and CONTROL.search(value):
-            raise InputError(where, f"the text {value[:60]}", "printable characters, on one line", DO)
+def check_contents(stated: Mapping[str, Any], where: object) -> None:
+    """Few levels of mappings and lists, counted without recursion, and no control characters in any key or text.
+
+    Texts are printed, and written into pages.
+    """
+    level, levels = [stated], -1
+    while level:
+        for value in level:
+            if isinstance(value, str) and CONTROL.search(value):
+                expected = "printable characters, on one line"
+                raise InputError(f"{where}, metadata", f"the text {value[:60]}", expected, DO)
+        inner = [
+            (*one, *one.values()) if isinstance(one, dict) else one for one in level if isinstance(one, dict | list)
+        ]
+        level, levels = [item for one in inner for item in one], levels + 1
+    if levels > DEEPEST:
+        raise InputError(where, f"metadata of {levels} levels", f"at most {DEEPEST} levels", DO)
 
 
 def check_entries(stated: Mapping[str, Any], where: str) -> None:
@@ -125,8 +127,13 @@ def check_entries(stated: Mapping[str, Any], where: str) -> None:
         check_box(box, f"{where}, terrain[{number}]")
     for number, segment in enumerate(entries(stated, "segments", MOST_SEGMENTS, where)):
         check_segment(segment, f"{where}, segments[{number}]")
-    check_numbers(stated, "schedule", PHASE_LENGTHS, 0.0, LONGEST_S, "s", where)
-    check_numbers(stated, "target", ("x_m", "z_m"), -FARTHEST_M, FARTHEST_M, "m", where)
+    for key, names, low, high, unit in (
+        ("schedule", PHASE_LENGTHS, 0.0, LONGEST_S, "s"),
+        ("target", ("x_m", "z_m"), -FARTHEST_M, FARTHEST_M, "m"),
+    ):
+        found = mapping(stated, key, where)
+        for name in (name for name in names if name in found):
+            check_number(found[name], low, high, unit, f"{where}, {key}.{name}")
     for joint, mass in mapping(stated, "load", where).items():
         check_number(mass, 0.0, HEAVIEST_KG, "kg", f"{where}, load.{joint}")
     for quantity, how in mapping(stated, "derived", where).items():
@@ -153,16 +160,6 @@ def check_segment(segment: Any, where: str) -> None:
     check_number(segment.get("begin_s"), 0.0, LONGEST_S, "s", f"{where}.begin_s")
     if segment.get("end_s") != math.inf:
         check_number(segment.get("end_s"), segment["begin_s"], LONGEST_S, "s", f"{where}.end_s")
-
-
-def check_numbers(
-    stated: Mapping[str, Any], key: str, names: tuple[str, ...], low: float, high: float, unit: str, where: str
-) -> None:
-    """Check the numbers of an entry that is a mapping."""
-    found = mapping(stated, key, where)
-    for name in names if found else ():
-        if name in found:
-            check_number(found[name], low, high, unit, f"{where}, {key}.{name}")
 
 
 def mapping(stated: Mapping[str, Any], key: str, where: str) -> Mapping[str, Any]:
@@ -199,20 +196,5 @@ def check_number(value: Any, low: float, high: float, unit: str, where: str) -> 
 
 def kind_of(value: Any) -> str:
     """A value in words, shortened."""
-    words = {"dict": "an object", "list": "a list", "NoneType": "null"}
-    name = words.get(type(value).__name__)
-    return name or f"{json.dumps(value)[:60]}"
-
-
-def depth(value: Any) -> int:
-    """Number of levels of mappings and lists, counted level by level and without recursion."""
-    level, deep = [value], 0
-    while level:
-        level = [
-            item
-            for one in level
-            if isinstance(one, dict | list)
-            for item in (one.values() if isinstance(one, dict) else one)
-        ]
-        deep += 1
-    return deep - 1
+    words = {"dict": "an object", "list": "a list"}
+    return words.get(type(value).__name__) or json.dumps(value)[:60]

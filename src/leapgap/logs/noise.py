@@ -48,23 +48,19 @@ def noise_of(steps: np.ndarray, period_s: float, lengths: np.ndarray | None = No
     steps are given where they are uneven and short; then a value is compared with the straight line between its
     neighbours.
     """
-    rounding = ticks_of(steps.cumsum(axis=0)) / np.sqrt(12)
-    return np.asarray(np.maximum(white_noise_of(steps, period_s, lengths), rounding))
-
-
-def white_noise_of(steps: np.ndarray, period_s: float, lengths: np.ndarray | None) -> np.ndarray:
-    """``noise_of``, without regard to grids."""
     if lengths is not None and period_s <= SMOOTH_PERIOD_S and len(steps) > 1:
         after = (lengths[1:] / (lengths[1:] + lengths[:-1]))[:, None]
         off = (after * steps[:-1] - (1 - after) * steps[1:]) / np.sqrt(1 + after**2 + (1 - after) ** 2)
-        return np.asarray(np.median(np.abs(off), axis=0) / NORMAL_MEDIAN)
-    orders = (2,) if period_s <= SMOOTH_PERIOD_S else HIGHER_ORDERS
-    found = [
-        np.median(np.abs(np.diff(steps, n=order - 1, axis=0)), axis=0) / NORMAL_MEDIAN / np.sqrt(comb(2 * order, order))
-        for order in orders
-        if len(steps) >= 2 * order
-    ]
-    return np.min(found, axis=0) if found else np.zeros(steps.shape[1:])
+        white = [np.median(np.abs(off), axis=0) / NORMAL_MEDIAN]
+    else:
+        orders = (2,) if period_s <= SMOOTH_PERIOD_S else HIGHER_ORDERS
+        differences = [(np.diff(steps, n=order - 1, axis=0), order) for order in orders if len(steps) >= 2 * order]
+        white = [
+            np.median(np.abs(own), axis=0) / NORMAL_MEDIAN / np.sqrt(comb(2 * order, order))
+            for own, order in differences
+        ]
+    rounding = ticks_of(steps.cumsum(axis=0)) / np.sqrt(12)
+    return np.asarray(np.maximum(np.min(white, axis=0), rounding)) if white else rounding
 
 
 def noise_in_rows(time: np.ndarray, values: np.ndarray, noise: np.ndarray) -> np.ndarray:

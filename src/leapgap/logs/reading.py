@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from leapgap.errors import InputError, printable
 from leapgap.logs.consistency import remarks
 from leapgap.logs.files import check_folder, check_tree, decoding
 from leapgap.logs.importers.base import LogFormat
-from leapgap.logs.log import Log, check_read, read_log
+from leapgap.logs.log import Log, check_read, log_files, read_log
 from leapgap.logs.state import check_logged
 from leapgap.robot.model import Robot
 
@@ -55,37 +55,43 @@ def read_folder(folder: Path, robot: Robot | None = None) -> Readings:
     With a robot, those that are not of that robot are set aside, too. ``InputError`` lists all bad logs where fewer
     than two others are left.
     """
-    if not folder.is_dir():
-        raise InputError(folder, "no such folder", "a folder of logs", "convert your logs first: leapgap import")
-    check_folder(folder)
 
-    def reader(path: Path) -> Callable[[], list[Log]]:
-        return lambda: [of_robot(read_log(path), robot)]
+    def read(path: Path) -> list[Log]:
+        log = read_log(path)
+        if robot is not None:
+            check_logged(log, robot)
+            check_joints(log, robot)
+        return [log]
 
-    readings = collect(folder, ((path.name, reader(path)) for path in sorted(folder.glob("*.parquet"))))
-    return readings if robot is None else of_one_robot(readings, robot, folder)
+    readings = collect(folder, ((path.name, partial(read, path)) for path in log_files(folder)))
+    if robot is None or not any(log.info.robot == robot.name for log in readings.logs):
+        return readings
+    # Without logs of other robots, where some state that they are of this one
+    own = [log for log in readings.logs if log.info.robot == robot.name]
+    others = [
+        (f"{log.name}.parquet", InputError(log.name, f"robot {log.info.robot}", robot.name, "keep robots apart"))
+        for log in readings.logs
+        if log.info.robot != robot.name
+    ]
+    found = enough(folder, own, others)
+    return Readings(found.logs, (*readings.set_aside, *found.set_aside))
 
 
 def read_foreign(layout: LogFormat, source: Path, robot: Robot, options: Any) -> Readings:
     """Logs of another format, of a file or below a folder; ``InputError`` as in ``read_folder``."""
 
-    def reader(name: str, path: Path) -> Callable[[], list[Log]]:
-        return lambda: read_checked(layout, path, name, robot, options)
+    def read(path: Path, name: str) -> list[Log]:
+        check_tree(path, f"a log of format {layout.name}", "copy the files themselves")
+        with decoding(path, layout.name, "export it again"):
+            logs = layout.read_all(path, name, robot, options)
+        for log in logs:
+            check_read(log, f"{path}, {log.name}" if len(logs) > 1 else path)
+            check_joints(log, robot)
+        return logs
 
     if source.is_dir():
         check_folder(source)
-    return collect(source, ((name, reader(name, path)) for name, path in layout.find(source).items()))
-
-
-def read_checked(layout: LogFormat, path: Path, name: str, robot: Robot, options: Any) -> list[Log]:
-    """The logs of one foreign file or folder, each checked as every log is that comes from a file."""
-    check_tree(path, f"a log of format {layout.name}", "copy the files themselves")
-    with decoding(path, layout.name, "export it again"):
-        logs = layout.read_all(path, name, robot, options)
-    for log in logs:
-        check_read(log, f"{path}, {log.name}" if len(logs) > 1 else path)
-        check_joints(log, robot)
-    return logs
+    return collect(source, ((name, partial(read, path, name)) for name, path in layout.find(source).items()))
 
 
 def collect(source: Path, readers: Iterable[tuple[str, Callable[[], list[Log]]]]) -> Readings:
@@ -115,15 +121,6 @@ def enough(source: Path, logs: Sequence[Log], errors: Sequence[tuple[str, InputE
     return Readings(tuple(logs), tuple(SetAside(printable(name), str(error)) for name, error in errors))
 
 
-def of_robot(log: Log, robot: Robot | None) -> Log:
-    """The log; ``InputError`` where a robot is given and the log cannot be of it."""
-    if robot is None:
-        return log
-    check_logged(log, robot)
-    check_joints(log, robot)
-    return log
-
-
 def check_joints(log: Log, robot: Robot) -> None:
     """``InputError`` where a joint is most of the time further outside its range than the range is wide."""
     for joint in robot.joints:
@@ -137,17 +134,3 @@ def check_joints(log: Log, robot: Robot) -> None:
             expected = f"{low:.3g} to {high:.3g}, as {robot.name} has it"
             do = "correct its unit (degrees?), its zero, or the order of the joints"
             raise InputError(f"{log.name}, column joint_pos/{joint}", found, expected, do)
-
-
-def of_one_robot(readings: Readings, robot: Robot, folder: Path) -> Readings:
-    """The readings without logs of other robots, where some state that they are of this one."""
-    if not any(log.info.robot == robot.name for log in readings.logs):
-        return readings
-    own = [log for log in readings.logs if log.info.robot == robot.name]
-    others = [
-        (f"{log.name}.parquet", InputError(log.name, f"robot {log.info.robot}", robot.name, "keep robots apart"))
-        for log in readings.logs
-        if log.info.robot != robot.name
-    ]
-    found = enough(folder, own, others)
-    return Readings(found.logs, (*readings.set_aside, *found.set_aside))

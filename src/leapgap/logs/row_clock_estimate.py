@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from leapgap.logs.log import Log
-from leapgap.logs.row_clock import RowClock
-from leapgap.logs.streams import (
+from leapgap.logs.row_clock import (
     BASE,
     CURVATURE,
     MOVES,
     NOISE_WINDOW,
     OUTLIER,
+    RowClock,
     Stream,
     mean_row,
     merge,
@@ -53,10 +53,6 @@ class Samples:
     noise: np.ndarray  # standard deviation of the noise of positions, (channels,)
     velocity_noise: np.ndarray  # standard deviation of the noise of velocities, (channels,)
 
-    def with_delay(self, delay_s: float) -> "Samples":
-        """The same motion with velocities of the instants of its positions, which were so much older."""
-        return replace(self, position=self.position - delay_s * self.velocity)
-
 
 def smooth_lengths(samples: Samples, claimed: np.ndarray) -> np.ndarray:
     """Lengths of all rows but the last around the ``claimed`` ones, s, (rows − 1,), times one factor."""
@@ -65,7 +61,8 @@ def smooth_lengths(samples: Samples, claimed: np.ndarray) -> np.ndarray:
     weight, lasted, delay = np.ones(len(claimed)), claimed, velocity_delay(samples, claimed)
     for _ in range(ROUNDS):
         before = width / np.sqrt(weight)
-        found, spread = smooth(samples.with_delay(delay), lasted, scale * claimed, before)
+        in_time = replace(samples, position=samples.position - delay * samples.velocity)  # velocities are older by it
+        found, spread = smooth(in_time, lasted, scale * claimed, before)
         off = found - scale * claimed
         square = off**2 + spread**2
         weight = (FREEDOM + 1) / (FREEDOM + square / width**2)
@@ -232,16 +229,13 @@ def row_clock(log: Log, joints: Sequence[str]) -> RowClock | None:
     clock = clock_of_messages(log, telling)
     if clock.step_s is not None and not even_rows_fit(log, of_joints):
         return clock
-    every, fresh = merge(of_joints), np.stack([one.fresh for one in of_joints for _ in range(one.position.shape[1])], 1)
-    return noisy_clock(log, telling, every, fresh) or clock
+    return noisy_clock(log, telling) or clock
 
 
 def uneven_clocks(logs: Sequence[Log], joints: Sequence[str]) -> dict[str, RowClock]:
     """Clocks, by the log's name, of the logs whose rows are uneven in a way that their time does not say."""
-    clocks = {log.name: row_clock(log, joints) for log in logs}
-    return {
-        log.name: clock for log in logs if (clock := clocks[log.name]) is not None and clock.unevenness(log) > UNEVEN
-    }
+    clocks = ((log, row_clock(log, joints)) for log in logs)
+    return {log.name: clock for log, clock in clocks if clock is not None and clock.unevenness(log) > UNEVEN}
 
 
 def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
@@ -256,14 +250,14 @@ def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
         return None
     claimed = np.diff(log.time)
     # True over claimed length of rows, by all of the motion of a message; ``claimed`` lengths (rows − 1,), s
-    stream = every.channel(moving)
+    stream = every.channels(moving)
     summed = (stream.velocity[1:] + stream.velocity[:-1]) / 2 * claimed[:, None]
     weight = 1 / stream.noise**2
     expected = float((weight * summed * np.diff(stream.position, axis=0)).sum() / (weight * summed**2).sum()) * claimed
-    halves = [lengths_by(every.channel(moving[k::2]), expected) for k in (0, 1)]
-    _, precision = lengths_by(every.channel(moving), expected)
+    halves = [lengths_by(every.channels(moving[k::2]), expected) for k in (0, 1)]
+    _, precision = lengths_by(every.channels(moving), expected)
     if hangs(halves, expected) or scatter_alike(halves, expected, precision):
-        return noisy_clock(log, streams, every, np.ones(every.position.shape, dtype=bool))
+        return noisy_clock(log, streams, whole=True)
     instants = np.concatenate([[0.0], np.cumsum(np.maximum(expected, 0.0))])
     names = [name for stream in streams for name in stream.columns]
     return RowClock(instants, dict.fromkeys(names, instants), None, {})
@@ -272,7 +266,7 @@ def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
 def moving_channels(log: Log, every: Stream) -> list[int]:
     """Channels that move in enough rows to have a say in a clock."""
     period = float(log.time[-1] - log.time[0]) / (len(log) - 1)
-    return [k for k in range(every.position.shape[1]) if every.channel(k).moves(period).mean() > MOVING]
+    return [k for k in range(every.position.shape[1]) if every.channels([k]).moves(period).mean() > MOVING]
 
 
 def scatter_alike(halves: Sequence[tuple[np.ndarray, np.ndarray]], expected: np.ndarray, precision: np.ndarray) -> bool:
@@ -318,17 +312,20 @@ def even_rows_fit(log: Log, streams: Sequence[Stream]) -> bool:
     return len(of_all) >= NOISE_WINDOW and float(np.quantile(of_all, MOST_FIT)) < OUTLIER
 
 
-def noisy_clock(log: Log, streams: Sequence[Stream], every: Stream, fresh: np.ndarray) -> RowClock | None:
+def noisy_clock(log: Log, streams: Sequence[Stream], whole: bool = False) -> RowClock | None:
     """The clock of a log whose instants noise blurs, by a smoother over all joints.
 
-    A sample is taken in the row that first shows it. ``every`` are the channels of all joints and ``fresh``, (rows,
-    channels), the rows that show new samples of them. None where fewer than two channels move.
+    A sample is taken in the row that first shows it, with ``whole`` rows in each. None where fewer than two channels
+    move.
     """
+    of_joints = [stream for stream in streams if stream.name != BASE]
+    every = merge(of_joints)
+    fresh = np.stack([stream.fresh | whole for stream in of_joints for _ in range(stream.position.shape[1])], axis=1)
     moving = moving_channels(log, every)
     if len(moving) < 2:
         return None
     claimed = np.diff(log.time)
-    chosen, fresh = every.channel(moving), fresh[:, moving]
+    chosen, fresh = every.channels(moving), fresh[:, moving]
     noise, velocity_noise = (
         np.array([quiet_noise(values[new, None])[0] for values, new in zip(table.T, fresh.T, strict=True)]) / QUIET
         for table in (chosen.position, chosen.velocity)

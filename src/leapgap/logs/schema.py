@@ -27,10 +27,6 @@ class Quantity:
         """Columns of a quantity of the base: ``base_pos_x`` and so on."""
         return tuple(f"{self.name}_{component}" for component in self.components)
 
-    def column(self, of: str) -> str:
-        """Column of one joint, foot or pair: ``joint_pos/FR_calf``."""
-        return f"{self.name}/{of}"
-
 
 PAIR_FORCE_AXES = tuple(f"{pair}_{axis}" for pair in PAIRS for axis in ("x", "z"))
 """Components of a force of each pair of feet: ``front_x``, ``front_z``, ``rear_x``, ``rear_z``."""

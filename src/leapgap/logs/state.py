@@ -15,6 +15,13 @@ from leapgap.robot.model import Robot
 from leapgap.robot.motion import ANGULAR_VELOCITY_SLICE, VELOCITY_SLICE, Motion
 from leapgap.robot.rotations import turn_between
 
+BASE_PARTS = {
+    "base_position": BASE_POSITION,
+    "base_quaternion": BASE_QUATERNION,
+    "base_velocity": BASE_VELOCITY,
+    "base_angular_velocity": BASE_ANGULAR_VELOCITY,
+}
+"""Part of a motion → its columns in a log."""
 FIT_WINDOW_S, FIT_ROWS = 0.03, 7
 """Velocities that were not logged are slopes of parabolas through the positions within this time, or so many rows."""
 
@@ -43,8 +50,10 @@ class States:
         joints = [joint for joint in robot.joints if f"joint_pos/{joint}" in log]
         full, derived = add_velocities(log, joints, window) if len(log) >= FIT_ROWS else (log, {})
         motion, fitted = logged_motion(full, robot), frozenset([*derived, *log.derived])
-        base = estimated_base(log, robot, motion)
-        if base is not None:
+        base = None
+        if robot.has_free_base and BASE_POSITION[0] not in log:
+            check_base(log, robot)
+            base = estimate_base(log, robot, motion, motor_torques(log, robot, motion))
             motion.base_position[:] = base.position
             if not has_base_velocity(log):
                 motion.base_velocity[:] = base.velocity
@@ -83,15 +92,11 @@ def logged_motion(log: Log, robot: Robot) -> Motion:
     check_logged(log, robot)
     motion = Motion(np.tile(robot.model.qpos0, (len(log), 1)), np.zeros((len(log), robot.model.nv)))
     if robot.has_free_base:
-        motion.base_position[:] = log.stack(BASE_POSITION) if BASE_POSITION[0] in log else 0.0
-        motion.base_quaternion[:] = log.stack(BASE_QUATERNION)
-        for part, columns in (
-            (motion.base_velocity, BASE_VELOCITY),
-            (motion.base_angular_velocity, BASE_ANGULAR_VELOCITY),
-        ):
+        motion.base_position[:] = 0.0
+        for part, columns in BASE_PARTS.items():
             for axis, column in enumerate(columns):
                 if column in log:
-                    part[:, axis] = log[column]
+                    getattr(motion, part)[:, axis] = log[column]
     motion.qpos[:, robot.joint_qpos] = log.per_joint("joint_pos", robot.joints)
     if all(f"joint_vel/{joint}" in log for joint in robot.joints):
         motion.qvel[:, robot.joint_dofs] = log.per_joint("joint_vel", robot.joints)
@@ -119,17 +124,6 @@ def check_logged(log: Log, robot: Robot) -> None:
 def has_base_velocity(log: Log) -> bool:
     """Whether any component of the base's velocity was logged."""
     return any(column in log for column in BASE_VELOCITY)
-
-
-def estimated_base(log: Log, robot: Robot, motion: Motion) -> BaseEstimate | None:
-    """The base of a floating robot by its planted feet, where its position was not logged; None elsewhere.
-
-    ``motion`` has attitude, gyro and joints of the log, and a base at rest in the origin.
-    """
-    if not robot.has_free_base or BASE_POSITION[0] in log:
-        return None
-    check_base(log, robot)
-    return estimate_base(log, robot, motion, motor_torques(log, robot, motion))
 
 
 def motor_torques(log: Log, robot: Robot, motion: Motion) -> np.ndarray:
@@ -186,22 +180,12 @@ def columns_of(motion: Motion, robot: Robot) -> dict[str, np.ndarray]:
     """The measured columns of a log that this motion fills, each (rows,)."""
     columns: dict[str, np.ndarray] = {}
     if robot.has_free_base:
-        for names, values in (
-            (BASE_POSITION, motion.base_position),
-            (BASE_QUATERNION, motion.base_quaternion),
-            (BASE_VELOCITY, motion.base_velocity),
-            (BASE_ANGULAR_VELOCITY, motion.base_angular_velocity),
-        ):
-            columns |= dict(zip(names, np.ascontiguousarray(values.T), strict=True))
+        for part, names in BASE_PARTS.items():
+            columns |= dict(zip(names, np.ascontiguousarray(getattr(motion, part).T), strict=True))
     for joint, position, velocity in zip(robot.joints, robot.joint_qpos, robot.joint_dofs, strict=True):
         columns[f"joint_pos/{joint}"] = np.ascontiguousarray(motion.qpos[:, position])
         columns[f"joint_vel/{joint}"] = np.ascontiguousarray(motion.qvel[:, velocity])
     return columns
-
-
-def positions(log: Log) -> np.ndarray:
-    """Origin of the base in the world, m, (rows, 3)."""
-    return log.stack(BASE_POSITION)
 
 
 def pd_torques(

@@ -31,15 +31,23 @@ CLEARER = 1.5  # one description of a lag is told, and not the other, where it l
 
 
 @dataclass(frozen=True)
-class VelocityColumn:
-    """What one velocity column is against its positions."""
+class VelocityLag:
+    """Lag of a velocity behind its positions."""
 
     late_s: float  # lag that suits it best, s; 0 where none is sure
     error_s: float  # standard error of the lag, s
     kind: str  # ``LATE``, ``FILTERED``, or ``UNCLEAR`` where nothing tells them apart
-    scale: float
-    """Displacement of the positions over the integral of the velocity, over that of all joints; 1 where none is sure to
-    be another."""
+    scale: float  # displacement of the positions over the integral of the velocity with its lag
+    fits: bool  # whether that integral explains the displacements
+
+
+@dataclass(frozen=True)
+class VelocityColumn(VelocityLag):
+    """What one velocity column is against its positions.
+
+    Its ``scale`` is over that of all joints, 1 where none is sure to be another. Errors are standard deviations.
+    """
+
     tick: float  # width of the grid on which its values lie, rad/s or m/s; 0 where there is none
     position_tick: float  # the same of the positions, rad or m
     rest: float
@@ -110,6 +118,7 @@ def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[s
             lag.error_s,
             lag.kind,
             scale if np.isfinite(scale) else 1.0,
+            lag.fits,
             tick,
             float(ticks[1][k]),
             rest,
@@ -118,17 +127,6 @@ def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[s
             float(derived[k]),
         )
     return found
-
-
-@dataclass(frozen=True)
-class VelocityLag:
-    """Lag of a velocity behind its positions."""
-
-    late_s: float  # 0 where no lag is sure
-    error_s: float
-    kind: str
-    scale: float  # displacement over the integral of the velocity with its lag
-    fits: bool  # whether that integral explains the displacements
 
 
 def lags_of(moved: np.ndarray, velocity: np.ndarray, span: int, period_s: float) -> list[VelocityLag]:

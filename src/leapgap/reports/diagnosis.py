@@ -21,10 +21,9 @@ from leapgap.logs.log import Log
 from leapgap.logs.reach import without_false_stops
 from leapgap.logs.reading import Readings, read_folder
 from leapgap.logs.state import motion_of
-from leapgap.robot.loop import Loop, robot_loop
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.robot.picture import robot_picture
+from leapgap.robot.picture import Loop, robot_loop, robot_picture
 from leapgap.runtime.atomic_io import sha256, write_json, write_text
 from leapgap.runtime.blas import one_blas_thread
 from leapgap.runtime.output_folder import merged_folder

@@ -25,8 +25,8 @@ from leapgap.logs.log import Log
 from leapgap.reports import diagnosis_figures as show
 from leapgap.reports.channels_data import channel_title, channel_words, channels_data, unit_of
 from leapgap.reports.page import embed_json, render_page
-from leapgap.robot.loop import Loop
 from leapgap.robot.model import Robot
+from leapgap.robot.picture import Loop
 
 if TYPE_CHECKING:
     from leapgap.reports.viewer import EmbeddedViewer

@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
-from leapgap.robot.kinematics import Poses, body_poses
+from leapgap.robot.kinematics import Poses, body_poses, configurations
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import whole_file
 
@@ -113,7 +113,7 @@ class ShownRobot:
             self.jump.stack(columns)[self.rows] if columns[0] in self.jump else None
             for columns in (BASE_POSITION, BASE_QUATERNION)
         )
-        return body_poses(self.robot, pos, base, quaternion, joints)
+        return body_poses(self.robot, configurations(self.robot, pos, base, quaternion, joints))
 
     @cached_property
     def unlogged_state(self) -> tuple[str, ...]:

@@ -12,8 +12,8 @@ from leapgap.diagnosis.settings import Settings as Diagnosing
 from leapgap.errors import InputError
 from leapgap.reports.diagnosis import diagnose_folder
 from leapgap.reports.kept import keep
+from leapgap.robot.mjcf import own_model
 from leapgap.robot.model import Robot
-from leapgap.robot.self_contained import own_model
 from leapgap.runtime.atomic_io import sha256
 from leapgap.runtime.cache import ResultCache, result_key
 from leapgap.runtime.content_hash import file_digests

@@ -1,4 +1,4 @@
-"""The actuators of a robot: one torque actuator of ours at each joint, in place of whatever its model file has.
+"""The actuators of a robot: what its file says of its motors, and one torque actuator of ours at each joint instead.
 
 MuJoCo's files describe motors in many ways (``motor``, ``position``, ``general`` with any gain, bias and gear, several
 at a joint). The commands of a log are torque, set points and gains of a joint PD, so each joint gets the one actuator
@@ -9,12 +9,149 @@ actuators.
 
 import copy
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.robot.stated_actuators import UNLIMITED, JointActuator
+
+RESISTANCE, TOP_SPEED = "motor_resistance", "motor_top_speed"
+"""Names of the custom numbers: ``<custom><numeric name="motor_resistance" data="…"/> …</custom>``."""
+
+
+@dataclass(frozen=True)
+class MotorConstants:
+    """Of every joint's motor, seen at the joint through its gear: the motor constant is 1 there, and 1 V is 1 rad/s."""
+
+    resistance: float  # V/(N·m): R i with the current i as torque at the joint, hence the winding's R over (gear · Kt)²
+    top_speed_rad_s: float  # largest speed that a joint is designed for, rad/s
+
+
+def motors_of(model: mujoco.MjModel) -> MotorConstants | None:
+    """Motor constants that a model file states; None unless it states both numbers."""
+    stated = {model.numeric(i).name: float(model.numeric(i).data[0]) for i in range(model.nnumeric)}
+    if not {RESISTANCE, TOP_SPEED} <= stated.keys():
+        return None
+    return MotorConstants(stated[RESISTANCE], stated[TOP_SPEED])
+
+
+SINGLE = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+AT_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+TRANSMISSIONS = {
+    int(mujoco.mjtTrn.mjTRN_SLIDERCRANK): "a slider-crank",
+    int(mujoco.mjtTrn.mjTRN_TENDON): "a tendon",
+    int(mujoco.mjtTrn.mjTRN_SITE): "a site",
+    int(mujoco.mjtTrn.mjTRN_BODY): "a body",
+}
+UNLIMITED = (-np.inf, np.inf)
+
+
+@dataclass(frozen=True)
+class JointActuator:
+    """What a model file says of the motor of one hinge or slide joint, seen at the joint."""
+
+    joint: str
+    name: str
+    driven: bool  # false for a passive joint, which no actuator of the file drives
+    limit: tuple[float, float] = UNLIMITED  # range of the torque, N·m (N for slides); infinite where not stated
+    armature: float = 0.0  # inertia that the file gives to actuators and not to the joint, kg·m²
+    damping: tuple[float, ...] = (0.0, 0.0, 0.0)  # that the file gives to actuators: coefficients of q̇, |q̇| q̇, q̇³
+    has_bias: bool = False  # whether an actuator of the file depends on the joint's state, as servos do
+
+
+def actuators_of(
+    model: mujoco.MjModel, where: object, all_driven: bool = False
+) -> tuple[tuple[JointActuator, ...], tuple[str, ...]]:
+    """Motors of the joints by a compiled model file, in the order of its joints, and notes on what is left out.
+
+    Several actuators at one joint act as one, whose limit is the sum of theirs. A URDF has no actuators: ``all_driven``
+    then gives every joint a motor. ``InputError`` names joints without a name and actuators that are not at a hinge or
+    slide joint.
+    """
+    joints = [joint for joint in range(model.njnt) if model.jnt_type[joint] in SINGLE]
+    unnamed = [joint for joint in joints if not model.joint(joint).name]
+    if unnamed:
+        bodies = ", ".join(model.body(model.jnt_bodyid[joint]).name or "(no name)" for joint in unnamed)
+        raise InputError(where, f"unnamed joints of the bodies {bodies}", "a name for each joint", "name them")
+    at_joint: dict[int, list[int]] = {joint: [] for joint in joints}
+    for actuator in range(model.nu):
+        at_joint[joint_of(model, actuator, where)].append(actuator)
+    found, notes = [], []
+    for joint, actuators in at_joint.items():
+        found.append(joint_actuator(model, joint, actuators, driven=all_driven or bool(actuators)))
+        notes += notes_on(model, joint, actuators)
+    return tuple(found), tuple(notes)
+
+
+def joint_of(model: mujoco.MjModel, actuator: int, where: object) -> int:
+    """The hinge or slide joint that an actuator drives; ``InputError`` where it drives something else."""
+    kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator, 0])
+    name = model.actuator(actuator).name or f"number {actuator}"
+    if int(model.actuator_gaintype[actuator]) == int(mujoco.mjtGain.mjGAIN_MUSCLE):
+        found = f"the actuator {name} is a muscle"
+    elif kind in AT_JOINT and model.jnt_type[target] in SINGLE:
+        return target
+    elif kind in AT_JOINT:
+        found = f"the actuator {name} drives a free or ball joint"
+    else:
+        found = f"the actuator {name} drives {TRANSMISSIONS.get(kind, 'no joint')}"
+    expected = "actuators at hinge or slide joints: the commands of a log are those of joints"
+    raise InputError(where, found, expected, "replace it by actuators at the joints it moves, or remove it")
+
+
+def joint_actuator(model: mujoco.MjModel, joint: int, actuators: Sequence[int], driven: bool) -> JointActuator:
+    """The motor of one joint from the actuators that drive it."""
+    name = model.joint(joint).name
+    limits = np.sum([torque_limit(model, actuator) for actuator in actuators] or [np.array(UNLIMITED)], axis=0)
+    if model.jnt_actfrclimited[joint]:
+        limits = np.clip(limits, *model.jnt_actfrcrange[joint])
+    chosen = list(actuators)
+    squared_gear = model.actuator_gear[chosen, 0] ** 2  # MuJoCo scales all three coefficients of damping by it
+    damping = squared_gear @ np.column_stack([model.actuator_damping[chosen], model.actuator_dampingpoly[chosen]])
+    return JointActuator(
+        name,
+        (model.actuator(actuators[0]).name if actuators else "") or name,
+        driven,
+        limit=(float(limits[0]), float(limits[1])),
+        armature=float(squared_gear @ model.actuator_armature[chosen]),
+        damping=tuple(float(value) for value in damping),
+        has_bias=bool((model.actuator_biastype[chosen] != int(mujoco.mjtBias.mjBIAS_NONE)).any()),
+    )
+
+
+def torque_limit(model: mujoco.MjModel, actuator: int) -> np.ndarray:
+    """Range of an actuator's torque at its joint, N·m, (2,): by its force, and by the control of a torque motor."""
+    gear = model.actuator_gear[actuator, 0]
+    limit = np.array(UNLIMITED)
+    if model.actuator_forcelimited[actuator]:
+        limit = np.sort(model.actuator_forcerange[actuator] * gear)
+    if model.actuator_ctrllimited[actuator] and is_torque_motor(model, actuator):
+        asked = np.sort(model.actuator_ctrlrange[actuator] * model.actuator_gainprm[actuator, 0] * gear)
+        limit = np.clip(asked, *limit)
+    return limit
+
+
+def is_torque_motor(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether the control of an actuator is a torque: a fixed gain, no bias, and no integration of the control."""
+    fixed = model.actuator_gaintype[actuator] == int(mujoco.mjtGain.mjGAIN_FIXED)
+    biased = model.actuator_biastype[actuator] != int(mujoco.mjtBias.mjBIAS_NONE)
+    integrates = model.actuator_dyntype[actuator] == int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
+    return bool(fixed and not integrates and not (biased and model.actuator_biasprm[actuator].any()))
+
+
+def notes_on(model: mujoco.MjModel, joint: int, actuators: Sequence[int]) -> list[str]:
+    """Sentences on what the file says of a joint's actuators and the replay does not simulate."""
+    name, notes = model.joint(joint).name, []
+    if len(actuators) > 1:
+        notes.append(f"{len(actuators)} actuators at the joint {name} act as one; their torque limits add")
+    dynamic = [i for i in actuators if model.actuator_dyntype[i] != int(mujoco.mjtDyn.mjDYN_NONE)]
+    if dynamic:
+        notes.append(f"the dynamics of the actuator at the joint {name} (filter or winding) are left out")
+    if any(model.actuator_delay[i] > 0 for i in actuators):
+        notes.append(f"the delay of the actuator at the joint {name} is left out")
+    return notes
+
 
 KP_OF_BIAS, KD_OF_BIAS = 1, 2  # entries of ``biasprm`` of an affine actuator: −kp and −kd
 STABLE_SHARE = 0.25
@@ -32,23 +169,26 @@ def replace_actuators(spec: mujoco.MjSpec, own: Sequence[JointActuator]) -> None
         spec.delete(actuator)
     taken: set[str] = set()
     for motor in own:
-        added = spec.add_actuator()
-        added.name = motor.name if motor.name not in taken else f"{motor.name} of {motor.joint}"
-        taken.add(added.name)
-        added.trntype, added.target, added.gear = mujoco.mjtTrn.mjTRN_JOINT, motor.joint, [1.0, 0, 0, 0, 0, 0]
-        make_affine(added, gain=float(motor.driven))
-        set_limit(added, motor.limit)
+        name = motor.name if motor.name not in taken else f"{motor.name} of {motor.joint}"
+        taken.add(name)
+        add_push(spec, motor.joint, name, float(motor.driven), motor.limit)
         joint = joints[motor.joint]
         give_to_joint(joint, motor)
         if not joint.actgravcomp:
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # the limit is the actuator's, and scales with it
+    forget_removed(spec)
+    if not any(motor.has_bias for motor in own):
+        take_pd_once_a_step(spec)
+
+
+def forget_removed(spec: mujoco.MjSpec) -> None:
+    """Remove the sensors that read actuators which are no longer there, and the controls of keyframes."""
+    present = {actuator.name for actuator in spec.actuators}
     for sensor in list(spec.sensors):
-        if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR and sensor.objname not in taken:
+        if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR and sensor.objname not in present:
             spec.delete(sensor)
     for key in spec.keys:
         key.ctrl, key.act = [], []
-    if not any(motor.has_bias for motor in own):
-        take_pd_once_a_step(spec)
 
 
 def give_to_joint(joint: mujoco.MjsJoint, motor: JointActuator) -> None:
@@ -128,12 +268,14 @@ def add_brake(spec: mujoco.MjSpec, joint: str, push: str, damper: str) -> None:
     added.gaintype, added.gainprm = mujoco.mjtGain.mjGAIN_AFFINE, [*by_velocity, *[0.0] * 7]
 
 
-def add_push(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
-    """Add an actuator at a joint whose control is a torque, without any limit."""
+def add_push(
+    spec: mujoco.MjSpec, joint: str, name: str, gain: float = 1.0, limit: tuple[float, float] = UNLIMITED
+) -> mujoco.MjsActuator:
+    """Add an actuator at a joint whose control is a torque, with room for a joint PD."""
     added = spec.add_actuator()
     added.name, added.trntype, added.target, added.gear = name, mujoco.mjtTrn.mjTRN_JOINT, joint, [1.0, *[0.0] * 5]
-    make_affine(added, gain=1.0)
-    set_limit(added, UNLIMITED)
+    make_affine(added, gain)
+    set_limit(added, limit)
     return added
 
 

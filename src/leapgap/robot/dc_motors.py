@@ -9,14 +9,15 @@ import numpy as np
 from leapgap.robot.actuators import (
     KD_OF_BIAS,
     KP_OF_BIAS,
+    JointActuator,
     add_push,
+    forget_removed,
     give_to_joint,
     joint_pd,
     make_affine,
     set_joint_pd,
     set_limit,
 )
-from leapgap.robot.stated_actuators import JointActuator
 
 DC_RESISTANCE, DC_CONSTANT, DC_KP, DC_KD, DC_VOLTAGE = 0, 1, 4, 6, 7  # entries of ``gainprm`` of MuJoCo's DC motor
 DC_TIME_CONSTANT = 0  # entry of ``dynprm`` of MuJoCo's DC motor: its electrical time constant, s
@@ -195,11 +196,9 @@ def split_joint_pd(model: mujoco.MjModel, motors: np.ndarray, dampers: np.ndarra
 
     It follows with the time constants ``lag_s`` (motors,). The motor's limit becomes that of the joint, of the sum.
     """
-    is_dc = model.actuator_gaintype[motors] == int(mujoco.mjtGain.mjGAIN_DCMOTOR)
-    for get, put, chosen in ((joint_pd, set_joint_pd, ~is_dc), (dc_joint_pd, set_dc_joint_pd, is_dc)):
-        kp, kd = get(model, motors[chosen])
-        put(model, motors[chosen], kp, np.zeros_like(kd))
-        set_dc_joint_pd(model, dampers[chosen], np.zeros_like(kp), kd)
+    kp, kd = gains_of(model, motors)
+    set_gains(model, motors, kp, np.zeros_like(kd))
+    set_dc_joint_pd(model, dampers, np.zeros_like(kp), kd)
     model.actuator_dynprm[dampers, DC_TIME_CONSTANT] = lag_s
     limited = motors[model.actuator_forcelimited[motors].astype(bool)]
     joints = model.actuator_trnid[limited, 0]
@@ -271,7 +270,10 @@ def replace_by_dc_motor(spec: mujoco.MjSpec, motor: JointActuator, gain: float, 
     ``gain`` is how much of the torque is delivered; ``scale_joint`` has been called.
     """
     first, *others = [actuator for actuator in spec.actuators if actuator.target == motor.joint]
-    remove(spec, others)
+    for actuator in others:
+        spec.delete(actuator)
+    if others:
+        forget_removed(spec)
     kp, kd = (-first.biasprm[entry] * first.gear[0] ** 2 for entry in (KP_OF_BIAS, KD_OF_BIAS))
     ratio = gain if others else first.gainprm[0] * first.gear[0]  # torque at the joint by control
     is_servo = first.biastype == mujoco.mjtBias.mjBIAS_AFFINE and kp > 0 and not others
@@ -287,17 +289,3 @@ def replace_by_dc_motor(spec: mujoco.MjSpec, motor: JointActuator, gain: float, 
     if is_servo:
         first.ctrlspec = POSITION_INPUT
         first.gainprm[DC_KP], first.gainprm[DC_KD] = kp, kd
-
-
-def remove(spec: mujoco.MjSpec, unwanted: Sequence[mujoco.MjsActuator]) -> None:
-    """Remove actuators from a specification, with the sensors that read them and the controls of its keyframes."""
-    if not unwanted:
-        return
-    names = {actuator.name for actuator in unwanted}
-    for actuator in unwanted:
-        spec.delete(actuator)
-    for sensor in list(spec.sensors):
-        if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR and sensor.objname in names:
-            spec.delete(sensor)
-    for key in spec.keys:
-        key.ctrl, key.act = [], []

@@ -221,7 +221,7 @@ def sinking_depths(robot: Robot, qpos: np.ndarray, torque: np.ndarray) -> np.nda
 class Poses:
     """Poses of bodies and feet in the world in each row of a motion."""
 
-    bodies: tuple[str, ...]
+    bodies: tuple[str, ...]  # names in the order of the model: the base first, the world left out
     positions: np.ndarray  # (rows, bodies, 3) m, origins of the bodies
     quaternions: np.ndarray  # (rows, bodies, 4), w x y z, body to world
     feet: np.ndarray  # (rows, feet, 3) m, centres of the feet, in the order of ``Robot.feet``
@@ -232,32 +232,16 @@ class Poses:
         return self.positions[:, 0]
 
 
-def bodies(robot: Robot) -> tuple[str, ...]:
-    """Names of the moving bodies in the order of the model: the base first, the world left out."""
-    model = robot.model
-    return tuple(model.body(b).name or f"body_{b}" for b in robot.bodies)
-
-
-def body_poses(
-    robot: Robot,
-    joint_pos: np.ndarray,
-    base_position: np.ndarray | None = None,
-    base_quaternion: np.ndarray | None = None,
-    joints: Sequence[str] | None = None,
-) -> Poses:
-    """Forward kinematics of a whole motion; what is not given stays in the model's rest pose.
-
-    ``joint_pos`` is (rows, joints) in rad (m for slides), in the order of ``joints`` or of ``robot.joints``;
-    ``base_position`` (rows, 3) m and ``base_quaternion`` (rows, 4) w x y z are used by a free base alone.
-    """
-    qpos = configurations(robot, joint_pos, base_position, base_quaternion, joints)
+def body_poses(robot: Robot, qpos: np.ndarray) -> Poses:
+    """Forward kinematics of a whole motion of configurations (rows, nq)."""
     moving, count = slice(robot.bodies.start, robot.bodies.stop), len(robot.bodies)
     positions, quaternions = np.empty((len(qpos), count, 3)), np.empty((len(qpos), count, 4))
     feet = np.empty((len(qpos), len(robot.feet), 3))
     for row, data in enumerate(each_pose(robot.model, qpos)):
         positions[row], quaternions[row] = data.xpos[moving], data.xquat[moving]
         feet[row] = robot.foot_shapes.positions(data)
-    return Poses(bodies(robot), positions, quaternions, feet)
+    bodies = tuple(robot.model.body(body).name or f"body_{body}" for body in robot.bodies)
+    return Poses(bodies, positions, quaternions, feet)
 
 
 def visual_geoms(model: mujoco.MjModel, body: int) -> dict[str, list[int]]:

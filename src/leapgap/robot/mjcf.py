@@ -6,14 +6,19 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.robot.stated_actuators import MotorConstants
+from leapgap.robot.actuators import MotorConstants
+from leapgap.robot.model_file import compile_spec, discard_visual
 from leapgap.runtime.atomic_io import write_text
+
+if TYPE_CHECKING:
+    from leapgap.robot.model import Robot
 
 HASHED_DIGITS = 9  # significant digits that count: compilers of different machines differ after the fifteenth
 LEFT_OUT = (
@@ -32,8 +37,9 @@ Meshes count by the bytes of their files.
 def hash_model(model: mujoco.MjModel, motors: MotorConstants | None = None) -> str:
     """SHA-256 of the compiled model and of motors that are stated beside it, the same on every machine."""
     hashed = hashlib.sha256()
-    for part in content(model):
-        hashed.update(part)
+    for name, value in fields(model):
+        hashed.update(f"{name} {value.shape};".encode() + canonical(value))
+    hashed.update(model.names)
     for path in (*asset_paths(model, model.mesh_pathadr), *asset_paths(model, model.hfield_pathadr)):
         if path is not None:
             hashed.update(hashlib.sha256(path.read_bytes()).digest())
@@ -51,15 +57,8 @@ def asset_paths(model: mujoco.MjModel, addresses: np.ndarray) -> list[Path | Non
     ]
 
 
-def content(model: mujoco.MjModel) -> Iterator[bytes]:
-    """Names and values of the fields that count, in the order of their names."""
-    for name, value in fields(model):
-        yield f"{name} {value.shape};".encode() + canonical(value)
-    yield model.names
-
-
 def fields(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
-    """The fields that count, with their values."""
+    """The fields that count, in the order of their names, with their values."""
     for owner, prefix in ((model, ""), (model.opt, "opt.")):
         for name in sorted(dir(owner)):
             if name.startswith(("_", *LEFT_OUT)):
@@ -207,3 +206,27 @@ def all_digits() -> Iterator[None]:
         yield
     finally:
         write(before)
+
+
+OWN_MODEL = "robot.xml"  # file beside the logs of a withheld case with its robot; without, that of the pipeline
+
+
+def own_model(logs: Path) -> Path | None:
+    """The model of their own that lies in a folder of logs."""
+    path = logs / OWN_MODEL
+    return path if path.is_file() else None
+
+
+def self_contained(robot: "Robot") -> str:
+    """MJCF of a robot with its makers' actuators, its base held where it is, without what only shows.
+
+    ``InputError`` where parts of it collide that are described by further files, meshes or heightfields.
+    """
+    spec = robot.published_spec()
+    discard_visual(spec, robot.path)
+    others = [part.name or part.file for part in (*spec.meshes, *spec.hfields, *spec.skins)]
+    if others:
+        expected = "colliding parts of primitive shapes, which one text can hold"
+        raise InputError(robot.path, f"the meshes or heightfields {', '.join(others)}", expected, "replace them")
+    compile_spec(spec, robot.path)
+    return str(spec.to_xml())

@@ -9,7 +9,15 @@ import mujoco
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.robot.actuators import check_joint_pd, replace_actuators
+from leapgap.robot.actuators import (
+    SINGLE,
+    JointActuator,
+    MotorConstants,
+    actuators_of,
+    check_joint_pd,
+    motors_of,
+    replace_actuators,
+)
 from leapgap.robot.mjcf import hash_model
 from leapgap.robot.model_file import (
     compile_spec,
@@ -20,7 +28,6 @@ from leapgap.robot.model_file import (
     model_file,
     read_spec,
 )
-from leapgap.robot.stated_actuators import SINGLE, JointActuator, MotorConstants, actuators_of, motors_of
 from leapgap.robot.terrain import Box, ground_geoms
 from leapgap.robot.topology import Feet, PartNames, Topology, feet_of, indices, name_contacts, topology_of
 
@@ -132,8 +139,25 @@ class Robot:
 
     @cached_property
     def without_shapes(self) -> mujoco.MjModel:
-        """The compiled model for inverse dynamics, whose meshes are dots. Shared: copy it, which takes no time."""
-        return rigid_bodies(self)
+        """The compiled model for inverse dynamics. Shared: copy it, which takes no time.
+
+        There is a dot in place of each mesh, with the masses that the meshes gave. The model of a URDF whose links
+        MuJoCo joins stays as it is.
+        """
+        spec = self.spec()
+        if len(spec.bodies) != self.model.nbody:
+            return self.model
+        keep_inertia_changeable(spec)
+        spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+        for body, number in zip(spec.bodies, range(self.model.nbody), strict=True):
+            body.explicitinertial, body.fullinertia = True, np.full(6, np.nan)
+            body.mass, body.ipos = self.model.body_mass[number], self.model.body_ipos[number]
+            body.iquat, body.inertia = self.model.body_iquat[number], self.model.body_inertia[number]
+        for geom in spec.geoms:
+            if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+                geom.type, geom.meshname, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, "", [0.01, 0.01, 0.01]
+        discard_visual(spec, self.path)
+        return spec.compile()
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
@@ -385,31 +409,3 @@ class Robot:
                     geom.contype = geom.conaffinity = 0
             discard_visual(spec, self.path)
         return spec
-
-
-def rigid_bodies(robot: "Robot") -> mujoco.MjModel:
-    """The compiled model of a robot, with a dot in place of each mesh and the masses that the meshes gave.
-
-    That of a URDF whose links MuJoCo joins stays as it is.
-    """
-    spec = robot.spec()
-    if len(spec.bodies) != robot.model.nbody:
-        return robot.model
-    keep_inertia_changeable(spec)
-    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
-    for body, mass, centre, axes, inertia in zip(
-        spec.bodies,
-        robot.model.body_mass,
-        robot.model.body_ipos,
-        robot.model.body_iquat,
-        robot.model.body_inertia,
-        strict=True,
-    ):
-        body.explicitinertial = True
-        body.mass, body.ipos, body.iquat, body.inertia = mass, centre, axes, inertia
-        body.fullinertia = np.full(6, np.nan)
-    for geom in spec.geoms:
-        if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
-            geom.type, geom.meshname, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, "", [0.01, 0.01, 0.01]
-    discard_visual(spec, robot.path)
-    return spec.compile()

@@ -91,7 +91,6 @@ class RefusedError(Exception):
 class Count:
     """What was counted of a model file and of the files that it includes."""
 
-    main: Path
     top: str = ""  # the top element: ``mujoco`` or ``robot``
     elements: float = 0.0
     bytes: float = 0.0
@@ -137,7 +136,7 @@ class Named:
 
 def count(path: Path, text: bytes | None = None) -> Count:
     """Count a model file, or a text as if it stood there; ``RefusedError`` where it is none, or asks for too much."""
-    found = Count(path)
+    found = Count()
     found.parents[path.parent] = None
     data = read_xml(path, path, found) if text is None else text
     Reader(found, path, (path.resolve(),), 1.0, 0).read(data)

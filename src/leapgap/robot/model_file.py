@@ -4,7 +4,7 @@ Robots of Menagerie are found by the package ``mujoco-menagerie`` (extra ``menag
 takes their files from the folder that ``MENAGERIE_ROOT`` names, a checkout of Menagerie, or from its own cache, which
 it fills by a download when a robot is first asked for."""
 
-from collections.abc import Iterable, Iterator
+from itertools import takewhile
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -115,7 +115,6 @@ def readable_urdf(text: str, path: Path) -> tuple[str, tuple[str, ...]]:
     return ElementTree.tostring(root, encoding="unicode"), tuple(notes[:1])
 
 
-FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 BOUNDED = (
     *("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "qpos0", "jnt_axis", "jnt_pos"),
     *("geom_size", "geom_pos", "geom_friction", "dof_armature", "dof_damping", "dof_frictionloss", "jnt_stiffness"),
@@ -127,6 +126,7 @@ LARGEST, SHORTEST_STEP_S, LONGEST_STEP_S = 1e9, 2e-5, 0.1
 ITERATIONS = ("iterations", "ls_iterations", "noslip_iterations", "ccd_iterations", "sdf_iterations")
 MOST_ITERATIONS = 2e7  # largest number of iterations of a solver in a second of a log
 REFUSALS = (ValueError, MemoryError, mujoco.FatalError)  # what MuJoCo raises for a model that it cannot read or compile
+MOST_NAMED = 3  # missing files that a note names
 POSE, TWIST = 7, 6  # numbers of a free joint in ``qpos`` and in ``qvel``
 
 
@@ -170,8 +170,9 @@ def compile_spec(spec: mujoco.MjSpec, where: object) -> mujoco.MjModel:
         if not (np.abs(values) <= LARGEST).all():  # false for NaN, too
             found = f"{name} with values that are not finite or above {LARGEST:g}"
             raise InputError(where, found, "numbers of a robot, in SI units", "correct them")
-    for name, values in float_arrays(model):
-        if not np.isfinite(values).all():
+    for name in [name for name in dir(model) if not name.startswith("_")]:
+        values = getattr(model, name)
+        if isinstance(values, np.ndarray) and values.dtype.kind == "f" and not np.isfinite(values).all():
             raise InputError(where, f"{name} with values that are not finite", "numbers of a robot", "correct them")
     if not SHORTEST_STEP_S <= model.opt.timestep <= LONGEST_STEP_S:
         found = f"a time step of {model.opt.timestep:g} s"
@@ -208,14 +209,6 @@ def discard_visual(spec: mujoco.MjSpec, where: object) -> None:
         raise invalid(where, error) from None
 
 
-def float_arrays(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
-    """Every array of floating-point numbers of a compiled model, with its name."""
-    for name in dir(model):
-        values = None if name.startswith("_") else getattr(model, name)
-        if isinstance(values, np.ndarray) and values.dtype.kind == "f":
-            yield name, values
-
-
 def gravity_of(model: mujoco.MjModel) -> np.ndarray:
     """Gravity that acts in a model, m/s², (3,): zero where a flag switches it off."""
     off = model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
@@ -233,7 +226,11 @@ def drop_missing_meshes(spec: mujoco.MjSpec, where: object) -> tuple[str, ...]:
 
     ``InputError`` for a missing mesh that collides, or from which MuJoCo would compute the mass of a body.
     """
-    missing = {mesh.name: mesh.file for mesh in spec.meshes if mesh.file and not mesh_file(spec, mesh).is_file()}
+    missing = {}
+    for mesh in [mesh for mesh in spec.meshes if mesh.file]:
+        name = Path(mesh.file).name if spec.strippath else mesh.file
+        if not (Path(spec.modelfiledir or ".") / mesh.compiler.meshdir / name).is_file():
+            missing[mesh.name] = mesh.file
     if not missing or compiles(spec):  # MuJoCo knows more places, such as those of attached models
         return ()
     for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
@@ -244,13 +241,9 @@ def drop_missing_meshes(spec: mujoco.MjSpec, where: object) -> tuple[str, ...]:
         spec.delete(geom)
     for mesh in [mesh for mesh in spec.meshes if mesh.name in missing]:
         spec.delete(mesh)
-    return (f"{len(missing)} visual meshes are left out, since their files are missing: {listed(missing.values())}",)
-
-
-def mesh_file(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> Path:
-    """Path of a mesh beside its model file."""
-    name = Path(mesh.file).name if spec.strippath else mesh.file
-    return Path(spec.modelfiledir or ".") / mesh.compiler.meshdir / name
+    names = ", ".join(list(missing.values())[:MOST_NAMED])
+    more = f" and {len(missing) - MOST_NAMED} more" if len(missing) > MOST_NAMED else ""
+    return (f"{len(missing)} visual meshes are left out, since their files are missing: {names}{more}",)
 
 
 def compiles(spec: mujoco.MjSpec) -> bool:
@@ -262,27 +255,21 @@ def compiles(spec: mujoco.MjSpec) -> bool:
     return True
 
 
-def listed(names: Iterable[str], most: int = 3) -> str:
-    """The first few of some names, and how many more there are."""
-    every = list(names)
-    more = f" and {len(every) - most} more" if len(every) > most else ""
-    return ", ".join(every[:most]) + more
-
-
 def hold_base(spec: mujoco.MjSpec) -> None:
     """Remove the free joint, so that the base is held at the pose of the model file; keyframes lose its numbers."""
-    joints = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
-    if not joints:
+    earlier = list(takewhile(lambda joint: joint.type != mujoco.mjtJoint.mjJNT_FREE, spec.joints))
+    if len(earlier) == len(spec.joints):
         return
-    before = sum(size(joint)[0] for joint in spec.joints[: index(spec, joints[0])])
-    speeds = sum(size(joint)[1] for joint in spec.joints[: index(spec, joints[0])])
+    balls = sum(joint.type == mujoco.mjtJoint.mjJNT_BALL for joint in earlier)
+    position, velocity = len(earlier) + 3 * balls, len(earlier) + 2 * balls  # where the free joint's numbers begin
     for key in spec.keys:
         if len(key.qpos):
-            key.qpos = np.delete(np.array(key.qpos), slice(before, before + POSE))
+            key.qpos = np.delete(np.array(key.qpos), slice(position, position + POSE))
         if len(key.qvel):
-            key.qvel = np.delete(np.array(key.qvel), slice(speeds, speeds + TWIST))
-    base = joints[0].parent
-    spec.delete(joints[0])
+            key.qvel = np.delete(np.array(key.qvel), slice(velocity, velocity + TWIST))
+    free = spec.joints[len(earlier)]
+    base = free.parent
+    spec.delete(free)
     # Forbid contacts of a held base with the links at it
     held, links = [base], list[mujoco.MjsBody]()
     for body in held:  # grows: bodies without a joint are held with the base
@@ -293,15 +280,3 @@ def hold_base(spec: mujoco.MjSpec) -> None:
     for body in held:
         for link in links:
             spec.add_exclude(bodyname1=body.name, bodyname2=link.name)
-
-
-def index(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> int:
-    """Number of a joint in a specification."""
-    return next(i for i, other in enumerate(spec.joints) if other is joint or other.id == joint.id)
-
-
-def size(joint: mujoco.MjsJoint) -> tuple[int, int]:
-    """Numbers of a joint in ``qpos`` and in ``qvel``."""
-    if joint.type == mujoco.mjtJoint.mjJNT_FREE:
-        return POSE, TWIST
-    return (4, 3) if joint.type == mujoco.mjtJoint.mjJNT_BALL else (1, 1)

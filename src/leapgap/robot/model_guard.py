@@ -97,14 +97,11 @@ def try_to_compile(path: Path, text: str | None) -> None:
     said = ask([sys.executable, "-I", "-S", "-c", TRIAL], asked, TRIAL_S)
     size = float(said) if said else float("inf")
     if not size <= LARGEST_MODEL_BYTES:
-        found = "a model that takes more memory or time than any robot's" if size == float("inf") else size_of(size)
+        found = f"a model of {size / (1 << 20):.0f} MiB"
+        if size == float("inf"):
+            found = "a model that takes more memory or time than any robot's"
         limits = f"{LARGEST_MODEL_BYTES >> 20} MiB compiled, in {TRIAL_S} s at most"
         raise InputError(path, found, limits, "make it smaller")
-
-
-def size_of(size: float) -> str:
-    """Bytes in words."""
-    return f"a model of {size / (1 << 20):.0f} MiB"
 
 
 def ask(command: list[str], asked: Mapping[str, Any], time_s: int) -> str | None:

@@ -38,26 +38,18 @@ def imu_site(robot: Robot) -> str | None:
 
 def add_sensors(spec: mujoco.MjSpec, robot: Robot, columns: Sequence[str]) -> None:
     """Add MuJoCo's own sensors for some columns to a specification of the robot."""
+    at_site = mujoco.mjtObj.mjOBJ_SITE
     if set(columns) & set(IMU_ACCELERATION):
-        spec.add_sensor(
-            name=SENSOR + "imu_acc",
-            type=mujoco.mjtSensor.mjSENS_ACCELEROMETER,
-            objtype=mujoco.mjtObj.mjOBJ_SITE,
-            objname=imu_site(robot),
-        )
+        kind = mujoco.mjtSensor.mjSENS_ACCELEROMETER
+        spec.add_sensor(name=SENSOR + "imu_acc", type=kind, objtype=at_site, objname=imu_site(robot))
     for foot, geom in zip(robot.feet, robot.foot_geoms, strict=True):
         if FOOT_FORCE + foot not in columns:
             continue
         zone = spec.geom(robot.model.geom(geom).name).parent.add_site()
         zone.name = f"{SENSOR}{foot}"
         zone.pos, zone.size = robot.model.geom_pos[geom], [AROUND * robot.model.geom_rbound[geom]] * 3
-        zone.type = mujoco.mjtGeom.mjGEOM_SPHERE
-        spec.add_sensor(
-            name=SENSOR + FOOT_FORCE + foot,
-            type=mujoco.mjtSensor.mjSENS_TOUCH,
-            objtype=mujoco.mjtObj.mjOBJ_SITE,
-            objname=zone.name,
-        )
+        zone.type, kind = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtSensor.mjSENS_TOUCH
+        spec.add_sensor(name=SENSOR + FOOT_FORCE + foot, type=kind, objtype=at_site, objname=zone.name)
 
 
 def sensor_addresses(model: mujoco.MjModel, columns: Sequence[str]) -> np.ndarray:

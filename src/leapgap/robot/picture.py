@@ -1,16 +1,19 @@
-"""A picture of a robot with some of its links coloured, by MuJoCo without a screen, where the machine can draw one.
+"""Pictures of a robot by MuJoCo without a screen, where the machine can draw: its links, and loops of its motion.
 
-It is drawn in a process of its own: a graphics library that fails may end it.
+They are drawn in a process of its own: a graphics library that fails may end it.
 """
 
+import io
 import json
 import os
 import struct
 import subprocess
 import sys
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -32,21 +35,22 @@ def robot_picture(robot: Robot, joints: Sequence[str]) -> bytes | None:
 
     Where nothing of the robot is, the picture is transparent.
     """
-    asked = {"path": str(robot.path.resolve()), "fix_base": robot.fix_base, "joints": list(joints)}
-    return drawn(__name__, json.dumps(asked).encode())
+    return drawn(robot, joints=np.array(list(joints), dtype=str))
 
 
-def drawn(module: str, asked: bytes) -> bytes | None:
-    """The PNG that a module writes to standard output for what is asked on standard input; None where it cannot."""
+def drawn(robot: Robot, **asked: Any) -> bytes | None:
+    """The PNG of a robot that ``main`` draws in a process of its own for some arrays; None where it cannot."""
+    buffer = io.BytesIO()
+    np.savez(buffer, robot=json.dumps([str(robot.path.resolve()), robot.fix_base]), **asked)
     for backend in dict.fromkeys((os.environ.get("MUJOCO_GL", ""), *BACKENDS)):
         if backend not in BACKENDS:
             continue
         try:
             run = subprocess.run(
-                [sys.executable, "-m", module],
+                [sys.executable, "-m", __name__],
                 env={**os.environ, "MUJOCO_GL": backend},
                 capture_output=True,
-                input=asked,
+                input=buffer.getvalue(),
                 timeout=SECONDS,
             )
         except (OSError, subprocess.TimeoutExpired):
@@ -148,11 +152,103 @@ def png(pixels: np.ndarray) -> bytes:
     return header(width, height) + chunk(b"IDAT", compressed(pixels)) + chunk(b"IEND", b"")
 
 
+LOOP_SIZE = (360, 270)  # width and height, pixels
+LENGTH_S, PER_S = 6.0, 8  # length of a loop and its frames a second
+SLOWEST = 5.0  # short motions are shown this many times slower at most
+COLOURS = ((0.62, 0.65, 0.70, 1.0), (0.89, 0.33, 0.18, 1.0), (0.15, 0.39, 0.79, 1.0))
+"""Of what was measured, of the nominal and of the corrected replay."""
+LAYERS = {2: (1, 0), 3: (1, 2, 0)}  # order in which layers are drawn: nominal, corrected, measured above both
+LEVELS = 32  # colours are rounded to this many levels, which makes a loop a third as large
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A loop that was drawn."""
+
+    png: bytes
+    begin_s: float
+    end_s: float  # stretch of the log that it shows
+    slower: float  # how many times slower than the robot it is
+
+
+def robot_loop(robot: Robot, time: np.ndarray, layers: Sequence[np.ndarray]) -> Loop | None:
+    """A loop of positions ``layers``, (rows, nq) each: measured, nominal, corrected; None where none can be drawn.
+
+    The first seconds of a long log are shown.
+    """
+    rows = min(len(time), *map(len, layers))
+    shown = np.flatnonzero(time[:rows] - time[0] <= LENGTH_S)
+    length = float(time[shown[-1]] - time[0])
+    if length <= 0 or not all(np.isfinite(layer[shown]).all() for layer in layers):
+        return None
+    slower = float(np.clip(LENGTH_S / length, 1.0, SLOWEST))
+    at = np.searchsorted(time[shown], time[0] + np.arange(0, length, 1 / (PER_S * slower)))
+    found = drawn(robot, layers=np.stack([layer[at] for layer in layers]))
+    return None if found is None else Loop(found, float(time[0]), float(time[shown[-1]]), slower)
+
+
+def frames(robot: Robot, layers: np.ndarray) -> Iterator[np.ndarray]:
+    """Pixels (height, width, 4) of each frame of positions (layers, frames, nq); all else is transparent."""
+    model = shown_model(robot)
+    planes = model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)
+    model.geom_matid[:] = -1
+    light(model)
+    model.vis.quality.offsamples = 0  # edges would be blended with black
+    data, camera = mujoco.MjData(model), framing(model, layers[0])
+    with mujoco.Renderer(model, LOOP_SIZE[1], LOOP_SIZE[0]) as renderer:
+        for frame in range(layers.shape[1]):
+            seen = np.zeros((LOOP_SIZE[1], LOOP_SIZE[0], 4), np.uint8)
+            for layer in LAYERS[len(layers)]:
+                data.qpos[:] = layers[layer, frame]
+                mujoco.mj_forward(model, data)
+                model.geom_rgba[:] = COLOURS[layer]
+                model.geom_rgba[planes, 3] = 0.0
+                renderer.update_scene(data, camera)
+                for flag in ("SHADOW", "REFLECTION", "SKYBOX", "HAZE"):
+                    renderer.scene.flags[getattr(mujoco.mjtRndFlag, f"mjRND_{flag}")] = 0
+                colours = renderer.render()
+                rounded = np.round(colours * ((LEVELS - 1) / 255)) * (255 // (LEVELS - 1))
+                drawn_here = colours.any(axis=2)
+                seen[drawn_here, :3], seen[drawn_here, 3] = rounded[drawn_here], 255
+            yield seen
+
+
+def animated(pictures: Iterator[np.ndarray], count: int) -> bytes:
+    """Pictures of one size as an animated PNG that repeats; of each only the part that differs from the one before."""
+    parts, sequence = [header(*LOOP_SIZE), chunk(b"acTL", struct.pack(">II", count, 0))], 0
+    before: np.ndarray | None = None
+    for picture in pictures:
+        top, left, part = changed_part(picture, before)
+        size = struct.pack(">IIII", part.shape[1], part.shape[0], left, top)
+        parts.append(chunk(b"fcTL", struct.pack(">I", sequence) + size + struct.pack(">HHBB", 1, PER_S, 0, 0)))
+        content = compressed(part)
+        kind, lead = (b"IDAT", b"") if before is None else (b"fdAT", struct.pack(">I", sequence + 1))
+        parts.append(chunk(kind, lead + content))
+        sequence += 1 if before is None else 2
+        before = picture
+    return b"".join([*parts, chunk(b"IEND", b"")])
+
+
+def changed_part(picture: np.ndarray, before: np.ndarray | None) -> tuple[int, int, np.ndarray]:
+    """First row and column of the smallest part of a picture that differs from the one before, and that part."""
+    if before is None:
+        return 0, 0, picture
+    rows, columns = (np.flatnonzero((picture != before).any(axis=axes)) for axes in ((1, 2), (0, 2)))
+    if not len(rows):
+        return 0, 0, picture[:1, :1]
+    return int(rows[0]), int(columns[0]), picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+
+
 def main() -> None:
-    """Write the picture that standard input asks for to standard output."""
-    asked = json.loads(sys.stdin.buffer.read())
-    robot = Robot.load(Path(asked["path"]), fix_base=asked["fix_base"])
-    sys.stdout.buffer.write(png(draw(robot, asked["joints"])))
+    """Write the picture or the loop that standard input asks for to standard output."""
+    asked = np.load(io.BytesIO(sys.stdin.buffer.read()))
+    path, fix_base = json.loads(str(asked["robot"]))
+    robot = Robot.load(Path(path), fix_base=fix_base)
+    if "layers" in asked:
+        found = animated(frames(robot, asked["layers"]), asked["layers"].shape[1])
+    else:
+        found = png(draw(robot, asked["joints"].tolist()))
+    sys.stdout.buffer.write(found)
 
 
 if __name__ == "__main__":

@@ -74,6 +74,5 @@ def ties(model: mujoco.MjModel) -> list[tuple[str, Tie]]:
         at = [float(model.qpos0[model.jnt_qposadr[joint]]) for joint in (first, second)]
         offset = at[0] + constant - slope * at[1]
         names = [model.joint(joint).name for joint in (first, second)]
-        found.append((names[0], Tie(names[1], slope, offset)))
-        found.append((names[1], Tie(names[0], 1 / slope, -offset / slope)))
+        found += [(names[0], Tie(names[1], slope, offset)), (names[1], Tie(names[0], 1 / slope, -offset / slope))]
     return found

@@ -14,9 +14,9 @@ import mujoco
 from leapgap import effects
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
+from leapgap.robot.actuators import MotorConstants
 from leapgap.robot.mjcf import write_mjcf
 from leapgap.robot.model import Robot
-from leapgap.robot.stated_actuators import MotorConstants
 from leapgap.robot.topology import PartNames
 from leapgap.runtime.atomic_io import read_json, write_json, write_text
 from leapgap.runtime.typed_values import from_mapping

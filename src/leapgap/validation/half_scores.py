@@ -10,8 +10,8 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.logs.log import read_logs
+from leapgap.robot.mjcf import own_model
 from leapgap.robot.model import Robot
-from leapgap.robot.self_contained import own_model
 from leapgap.runtime.atomic_io import read_json
 from leapgap.simulation.corrected import read_corrected
 from leapgap.validation import scoring

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from leapgap.logs.log import Log
+from leapgap.robot.mjcf import OWN_MODEL, self_contained
 from leapgap.robot.model import Robot
-from leapgap.robot.self_contained import OWN_MODEL, self_contained
 from leapgap.runtime.atomic_io import sha256, write_json, write_text
 from leapgap.runtime.executor import Executor
 from leapgap.simulation.open_loop import Course

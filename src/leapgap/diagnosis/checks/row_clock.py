@@ -80,7 +80,7 @@ def in_words(clocks: Mapping[str, RowClock], statistic: float, stale: float) -> 
     if step is None:
         return ", ".join(said)
     said.append(f"all times are whole multiples of {1000 * step:g} ms")
-    kept = [rule.kept for clock in every for rule in clock.filters.values()]
+    kept = [share for clock in every for share in clock.filters.values()]
     if kept:
         part = float(np.median(kept))
         said.append(

@@ -1,4 +1,4 @@
-"""Importers of other log formats: one file a format."""
+"""Importers of other log formats: one file a format, or several that are alike."""
 
 import sys
 from functools import cache

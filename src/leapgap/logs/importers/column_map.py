@@ -3,7 +3,7 @@
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -25,17 +25,8 @@ UNITS: dict[str, dict[str, float]] = {
     "m/s": {"m/s": 1, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1 / 3.6},
     "m/s²": {"m/s²": 1, "m/s2": 1, "m/s^2": 1, "mm/s2": 1e-3, "g": GRAVITY},
     "N": {"N": 1, "mN": 1e-3, "kN": 1e3, "kgf": GRAVITY, "lbf": POUND},
-    "N·m": {
-        "N·m": 1,
-        "Nm": 1,
-        "mNm": 1e-3,
-        "Ncm": 1e-2,
-        "Nmm": 1e-3,
-        "kNm": 1e3,
-        "kgfcm": GRAVITY * 1e-2,
-        "ozfin": POUND / 16 * INCH,
-        "lbfft": POUND * FOOT,
-    },
+    "N·m": {"N·m": 1, "Nm": 1, "mNm": 1e-3, "Ncm": 1e-2, "Nmm": 1e-3, "kNm": 1e3}
+    | {"kgfcm": GRAVITY * 1e-2, "ozfin": POUND / 16 * INCH, "lbfft": POUND * FOOT},
     "N·m/rad": {"N·m/rad": 1, "Nm/rad": 1, "Nm/deg": 360 / TURN, "Nm/rev": 1 / TURN},
     "N·m·s/rad": {"N·m·s/rad": 1, "Nms/rad": 1, "Nms/deg": 360 / TURN, "Nm/rpm": 60 / TURN},
     "V": {"V": 1, "mV": 1e-3},
@@ -92,10 +83,14 @@ class ColumnMap:
     """The robot's joints in the order of the file's columns, if these are numbered (from 0 or 1); lists follow it."""
 
 
-def mapped(table: Table, options: ColumnMap, robot: Robot, where: str) -> dict[str, np.ndarray]:
-    """Columns of a log, as the map has them: time from 0, all else in SI. ``where`` names the map in messages."""
-    ties = tied(table, options, robot, where)
-    expand = Expansion(options, robot, where, frozenset(ties), first_number(table, options, robot, where))
+def mapped(
+    table: Table, options: ColumnMap, robot: Robot, where: str
+) -> tuple[dict[str, np.ndarray], Mapping[str, Tie]]:
+    """Columns of a log, as the map has them: time from 0, all else in SI; and joints that follow another by the model.
+
+    ``where`` names the map in messages.
+    """
+    expand, ties = expansion_of(table, options, robot, where)
     constants = expand.numbers("constants", options.constants)
     check_ours([*expand.columns(), *constants], robot, where)
     theirs = {ours: one for ours, one in expand.columns().items() if ours not in constants}
@@ -122,30 +117,28 @@ def mapped(table: Table, options: ColumnMap, robot: Robot, where: str) -> dict[s
         for quantity, follow in (("joint_pos", tie.position), ("joint_vel", tie.velocity)):
             if f"{quantity}/{tie.of}" in columns:
                 found[f"{quantity}/{joint}"] = follow(columns[f"{quantity}/{tie.of}"])
-    return found
+    return found, ties
 
 
-def tied(table: Table, options: ColumnMap, robot: Robot, where: str) -> Mapping[str, Tie]:
-    """Joints that the table has no position of and that the model ties to one that it has."""
-    every = Expansion(options, robot, where, first=first_number(table, options, robot, where)).columns()
-    lacking = [
+def expansion_of(table: Table, options: ColumnMap, robot: Robot, where: str) -> tuple["Expansion", Mapping[str, Tie]]:
+    """The map written out for a table, and ties by the model of joints that the table has no position of."""
+
+    def lacking(one: Expansion) -> int:
+        return sum(column not in table for terms in one.columns().values() for column in terms)
+
+    # Their numbers of joints begin at 1 where only so each numbered column is there
+    from_0, from_1 = (Expansion(options, robot, where, first=first) for first in (0, 1))
+    whole = from_1 if options.joint_order and lacking(from_1) < lacking(from_0) else from_0
+    every = whole.columns()
+    without = [
         joint
         for joint in robot.joints
         if f"joint_pos/{joint}" not in table
         and f"joint_pos/{joint}" not in options.columns
         and not all(column in table for column in every.get(f"joint_pos/{joint}", {"": 1.0}))
     ]
-    return tied_joints(robot, lacking)
-
-
-def first_number(table: Table, options: ColumnMap, robot: Robot, where: str) -> int:
-    """Whether their numbers of joints begin at 0 or at 1: 1 where only so each numbered column is there."""
-
-    def lacking(first: int) -> int:
-        columns = Expansion(options, robot, where, first=first).columns()
-        return sum(column not in table for terms in columns.values() for column in terms)
-
-    return 1 if options.joint_order and lacking(1) < lacking(0) else 0
+    ties = tied_joints(robot, without)
+    return replace(whole, without=frozenset(ties)), ties
 
 
 def check_ours(columns: Iterable[str], robot: Robot, where: str) -> None:

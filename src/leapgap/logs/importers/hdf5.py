@@ -1,5 +1,6 @@
 """Importers of HDF5 files, whose arrays are named by their path, and of MATLAB files, by the fields of structures."""
 
+import math
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
@@ -11,7 +12,7 @@ import numpy as np
 from leapgap.errors import InputError, needs
 from leapgap.logs.files import MOST_UNPACKED, inflated_size, unpack
 from leapgap.logs.importers.table_format import TableFormat
-from leapgap.logs.importers.tables import Arrays, Wanted, check_size, fields, flat, product
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size, fields, flat
 
 DEFLATE, SHUFFLE, CHECKSUM = 1, 2, 3  # numbers of HDF5's own filters: the first packs, and the others do not
 SMALL_PIECE, LARGEST_PIECE = 1 << 16, 1 << 24
@@ -37,22 +38,19 @@ def hdf5_arrays(path: Path, wanted: Wanted) -> dict[str, np.ndarray]:
         import h5py
 
     arrays: dict[str, np.ndarray] = {}
-
-    def take(name: str, item: Any) -> None:
-        if item.shape is None:
-            return
-        names = [name] if item.dtype.names is None else [f"{name}.{one}" for one in item.dtype.names]
-        if not any(map(wanted, names)) or item.dtype.hasobject:
-            return
-        if item.external or item.is_virtual:
-            raise InputError(f"{path}, {name}", "data in another file", "data in this file", "copy them into it")
-        check_size(f"{path}, {name}", item.size * item.dtype.itemsize / 8 + sum(one.size for one in arrays.values()))
-        check_chunks(item, f"{path}, {name}")
-        arrays.update(fields(name, item[()]))
-
     with h5py.File(path, "r") as file:
         for name, item in datasets(file, path):
-            take(name, item)
+            if item.shape is None:
+                continue
+            names = [name] if item.dtype.names is None else [f"{name}.{one}" for one in item.dtype.names]
+            if not any(map(wanted, names)) or item.dtype.hasobject:
+                continue
+            where = f"{path}, {name}"
+            if item.external or item.is_virtual:
+                raise InputError(where, "data in another file", "data in this file", "copy them into it")
+            check_size(where, item.size * item.dtype.itemsize / 8 + sum(one.size for one in arrays.values()))
+            check_chunks(item, where)
+            arrays.update(fields(name, item[()]))
     return arrays
 
 
@@ -60,7 +58,7 @@ def check_chunks(item: Any, where: str) -> None:
     """``InputError`` where a packed piece of a dataset unpacks to more than it states, or may and cannot be tried."""
     if item.chunks is None or (kind := item.id.get_create_plist()).get_nfilters() == 0:
         return
-    size = product(item.chunks) * item.dtype.itemsize
+    size = math.prod(item.chunks) * item.dtype.itemsize
     check_size(where, size / 8)
     filters = [kind.get_filter(i)[0] for i in range(kind.get_nfilters())]
     packers = [one for one in filters if one not in (SHUFFLE, CHECKSUM)]
@@ -120,8 +118,8 @@ class Mat(TableFormat):
         with path.open("rb") as file:
             version = file.read(MAT_HEADER_BYTES)
         if version.startswith(b"MATLAB 7.3"):
-            by_path = hdf5_arrays(path, lambda name: wanted(dotted(name)))
-            return {dotted(name): array.T for name, array in by_path.items()}
+            by_path = hdf5_arrays(path, lambda name: wanted(name.replace("/", ".")))
+            return {name.replace("/", "."): array.T for name, array in by_path.items()}
         from scipy.io import loadmat
 
         if version.startswith(b"MATLAB"):
@@ -137,11 +135,6 @@ class Mat(TableFormat):
 def inside(value: Any) -> Mapping[str, Any] | None:
     """What ``flat`` goes into: the variables, and structures."""
     return vars(value) if hasattr(value, "_fieldnames") else value if isinstance(value, dict) else None
-
-
-def dotted(name: str) -> str:
-    """The name of a dataset as that of a field."""
-    return name.replace("/", ".")
 
 
 def check_elements(path: Path) -> None:

@@ -30,7 +30,9 @@ class Json(TableFormat):
         Lists beside one with the same names in every record are also there by these names: ``position[elbow]``.
         """
         check_size(path, path.stat().st_size / BYTES_A_VALUE)
-        columns = columns_of(records(path), path)
+        text = path.read_text(encoding="utf-8")
+        lines = [line for line in text.splitlines() if line.strip()]
+        columns = columns_of(list(map(json.loads, lines)) if path.suffix == ".jsonl" else json.loads(text), path)
         arrays = {name: as_array(values, f"{path}, {name}") for name, values in columns.items() if wanted(name)}
         labels = {name: values[0] for name, values in columns.items() if has_names(values)}
         for label, names in labels.items():
@@ -48,14 +50,6 @@ def has_names(values: list[Any]) -> bool:
     first = values[0] if values else None
     is_list = isinstance(first, list) and len(first) > 0 and all(isinstance(one, str) for one in first)
     return is_list and all(one == first for one in values)
-
-
-def records(path: Path) -> Any:
-    """What the file holds: a list of records, or an object of columns."""
-    text = path.read_text(encoding="utf-8")
-    if path.suffix == ".jsonl":
-        return [json.loads(line) for line in text.splitlines() if line.strip()]
-    return json.loads(text)
 
 
 def columns_of(held: Any, path: Path) -> dict[str, list[Any]]:

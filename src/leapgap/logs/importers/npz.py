@@ -1,6 +1,7 @@
 """Importers of zips of arrays: NumPy's archives, and what ``torch.save`` wrote; nothing in them is run."""
 
 import io
+import math
 import pickle
 import zipfile
 from collections.abc import Callable, Mapping
@@ -14,7 +15,7 @@ from numpy.lib import format as npy
 from leapgap.errors import InputError
 from leapgap.logs.files import MOST_BYTES, Bounded, member
 from leapgap.logs.importers.table_format import TableFormat
-from leapgap.logs.importers.tables import Arrays, Wanted, check_size, fields, flat, product
+from leapgap.logs.importers.tables import Arrays, Wanted, check_size, fields, flat
 
 HEADER_BYTES = 100_000  # most bytes in which an array states its shape and type
 
@@ -50,7 +51,7 @@ def array_of(file: BinaryIO, where: object, taken: int) -> np.ndarray:
     shape, _, kind = read_header(head)
     if kind.hasobject:
         raise InputError(where, "Python objects", "an array of numbers", "save it as numbers")
-    check_size(where, taken + product(shape) * kind.itemsize / 8)
+    check_size(where, taken + math.prod(shape) * kind.itemsize / 8)
     file.seek(0)
     return npy.read_array(file, allow_pickle=False)
 
@@ -162,9 +163,9 @@ class Archive(pickle.Unpickler):
         if len(shape) != len(strides) or any(one < 0 for one in (offset, *shape, *strides)):
             raise ValueError(f"a tensor of shape {shape} and strides {strides}")
         last = offset + sum((size - 1) * stride for size, stride in zip(shape, strides, strict=True))
-        if product(shape) and last >= len(storage):
+        if math.prod(shape) and last >= len(storage):
             raise ValueError(f"a tensor that ends at value {last} of {len(storage)}")
-        self.count(product(shape))
+        self.count(math.prod(shape))
         steps = [stride * storage.itemsize for stride in strides]
         return np.lib.stride_tricks.as_strided(storage[offset:], shape, steps).copy()
 

@@ -42,7 +42,11 @@ def parquet_arrays(path: Path, wanted: Wanted, most_rows: int | None = None) -> 
     """Columns of a Parquet file as arrays: (rows,), or (rows, n) where each cell is a list of n."""
     with decoding(path, "Parquet", "export it again"), pq.ParquetFile(path) as file:
         tops = [column.name for column in file.schema_arrow if is_wanted(column.name, column.type, wanted)]
-        check_size(path, sum(stored_values(file, top) for top in tops), file.metadata.num_rows, most_rows)
+        groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
+        stated = [group.column(i) for group in groups for i in range(group.num_columns)]  # items of lists counted
+        of = tuple(f"{top}." for top in tops)
+        values = sum(column.num_values for column in stated if f"{column.path_in_schema}.".startswith(of))
+        check_size(path, values, file.metadata.num_rows, most_rows)
         check_pages(path, file, set(tops))
         table = file.read(columns=tops)
     columns = dict(zip(table.column_names, table.columns, strict=True))
@@ -50,7 +54,9 @@ def parquet_arrays(path: Path, wanted: Wanted, most_rows: int | None = None) -> 
     while columns:
         name, column = columns.popitem()
         if pa.types.is_struct(column.type):
-            columns |= {f"{name}.{key.name}": pa.chunked_array(field) for key, field in fields_of(column)}
+            for i in range(column.type.num_fields):
+                parts = [chunk.field(i) for chunk in column.chunks]
+                columns[f"{name}.{column.type.field(i).name}"] = pa.chunked_array(parts)
         elif wanted(name):
             arrays[name] = cells(column, f"{path}, column {name}")
     return arrays
@@ -62,18 +68,6 @@ def is_wanted(name: str, kind: pa.DataType, wanted: Wanted) -> bool:
         return wanted(name)
     fields = [kind.field(i) for i in range(kind.num_fields)]
     return any(is_wanted(f"{name}.{field.name}", field.type, wanted) for field in fields)
-
-
-def stored_values(file: pq.ParquetFile, top: str) -> int:
-    """Number of values that a column states, items of lists counted."""
-    groups = (file.metadata.row_group(i) for i in range(file.num_row_groups))
-    columns = (group.column(i) for group in groups for i in range(group.num_columns))
-    return sum(column.num_values for column in columns if f"{column.path_in_schema}.".startswith(f"{top}."))
-
-
-def fields_of(column: pa.ChunkedArray) -> list[tuple[pa.Field, list[pa.Array]]]:
-    """The fields of a structure, each with its parts."""
-    return [(column.type.field(i), [chunk.field(i) for chunk in column.chunks]) for i in range(column.type.num_fields)]
 
 
 def cells(column: pa.ChunkedArray, where: str) -> np.ndarray:
@@ -150,13 +144,15 @@ class LeRobot(TableFormat):
             arrays |= {f"{name}.{part}": values for part, values in named if wanted(f"{name}.{part}")}
         if options is not None and options.calibration is not None:
             ranges = calibration_of(Path(options.calibration))
-            arrays |= {name: in_degrees(name, values, ranges) for name, values in arrays.items() if is_position(name)}
+            arrays |= {
+                name: in_degrees(name, values, ranges) for name, values in arrays.items() if name.endswith(POSITION)
+            }
         return arrays
 
     def stated(self, path: Path, options: LeRobotOptions) -> Mapping[str, Any]:
         """The rate of the rows, and whether positions may be shares of a range."""
         info = info_of(path)
-        of_joints = any(map(is_position, (name for names in features_of(path).values() for name in names)))
+        of_joints = any(name.endswith(POSITION) for names in features_of(path).values() for name in names)
         fps, shares = info.get("fps"), of_joints and NORMALISED.search(str(info.get("robot_type")).lower())
         found: dict[str, Any] = {"period_s": 1 / fps} if isinstance(fps, int | float) and 0 < fps < 1e5 else {}
         return found | {"unit": "deg" if options.calibration else "normalised" if shares else None}
@@ -165,11 +161,17 @@ class LeRobot(TableFormat):
 def features_of(path: Path) -> dict[str, list[str]]:
     """Names of the components of each vector, from ``meta/info.json``."""
     info = info_of(path)
+    features: dict[str, list[str]] = {}
     try:
-        features = {name: component_names(one.get("names")) for name, one in info["features"].items()}
+        for name, one in info["features"].items():
+            names = one.get("names")
+            if isinstance(names, dict):  # some datasets keep them below a word such as ``motors``
+                names = next(iter(names.values()), None)
+            if isinstance(names, list) and names:
+                features[name] = list(map(str, names))
     except (KeyError, TypeError, AttributeError) as error:
         raise InputError(path / INFO, f"no readable info ({error!r})", "that of a dataset", "copy it whole") from None
-    return {name: names for name, names in features.items() if names}
+    return features
 
 
 def info_of(path: Path) -> Mapping[str, Any]:
@@ -195,11 +197,6 @@ def calibration_of(path: Path) -> Mapping[str, tuple[float, bool]]:
         raise InputError(path, f"no readable calibration ({error!r})", expected, "name that file") from None
 
 
-def is_position(name: str) -> bool:
-    """Whether a column is the position of one joint, measured or set."""
-    return name.endswith(POSITION)
-
-
 def in_degrees(name: str, values: np.ndarray, ranges: Mapping[str, tuple[float, bool]]) -> np.ndarray:
     """Shares of a joint's range as degrees from its middle; of a gripper, 0 to 100, from its closed end."""
     joint = name.removesuffix(POSITION).rpartition(".")[2]
@@ -209,10 +206,3 @@ def in_degrees(name: str, values: np.ndarray, ranges: Mapping[str, tuple[float, 
     if joint.endswith(GRIPPER):
         return width * (100 - values if backwards else values) / 100
     return width * (-values if backwards else values) / 200
-
-
-def component_names(names: Any) -> list[str]:
-    """Names of components as a flat list; some datasets keep them below a word such as ``motors``."""
-    if isinstance(names, dict):
-        names = next(iter(names.values()), None)
-    return [str(name) for name in names] if isinstance(names, list) else []

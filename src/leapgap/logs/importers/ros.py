@@ -17,9 +17,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from leapgap.errors import InputError, needs
-from leapgap.logs.clock import held_at, increasing_rows, interpolated_at
+from leapgap.logs.clock import held_at, increasing_rows
 from leapgap.logs.cutting import HELD
-from leapgap.logs.files import MOST_UNPACKED, Bounded, Unpacker, unpack
+from leapgap.logs.files import MOST_UNPACKED, Bounded, unpack
 from leapgap.logs.importers.table_format import TableFormat, TableOptions
 from leapgap.logs.importers.tables import Arrays, Wanted, check_size
 from leapgap.runtime.typed_values import MOST_BYTES, from_yaml
@@ -118,7 +118,13 @@ def read_topics(path: Path, options: RosOptions, wanted: Wanted) -> dict[str, To
             times[topic].append(stamp(message, topic, path) if options.stamps == STAMPED else received)
             rows[topic].append(values_of(message, getters[topic], f"{path}, {topic}, message {len(rows[topic])}"))
     first = min((min(stamps) for stamps in times.values()), default=0)
-    return {topic: in_order(times[topic], first, rows[topic], list(getters[topic])) for topic in times}
+    topics = {}
+    for topic, stamps in times.items():  # in the order of time, which is that since the first message of the recording
+        time = (np.array(stamps, dtype=np.int64) - first) * 1e-9
+        order = np.argsort(time, kind="stable")
+        values = np.array(rows[topic], dtype=np.float64)[order]
+        topics[topic] = Topic(time[order], dict(zip(getters[topic], values.T, strict=True)))
+    return topics
 
 
 def check_tables(path: Path) -> None:
@@ -138,6 +144,7 @@ def bounded_unpacking(path: Path) -> Iterator[None]:
     Tables of SQLite are looked at before they are read.
     """
     import bz2
+    from unittest.mock import patch
 
     import lz4.frame
     from rosbags.rosbag1 import reader as bags
@@ -147,7 +154,7 @@ def bounded_unpacking(path: Path) -> Iterator[None]:
     size = sum(one.stat().st_size for one in (path.rglob("*") if path.is_dir() else [path]) if one.is_file())
     left = max(MOST_UNPACKED, MOST_TIMES * size)
 
-    def bounded(start: Callable[[], Unpacker]) -> Callable[..., bytes]:
+    def bounded(start: Callable[[], Any]) -> Callable[..., bytes]:
         def unpacked(data: bytes, *_: int) -> bytes:
             nonlocal left
             found = unpack(data, start, path, min(left, LARGEST_PIECE))
@@ -167,19 +174,11 @@ def bounded_unpacking(path: Path) -> Iterator[None]:
         "zstd": bounded(zstd.ZstdDecompressor),
     }
     tables = (bags.decompressors, storage_mcap.DECOMPRESSORS)
-    before = [dict(table) for table in tables]
-    for table in tables:
-        table.update({name: ours[name] for name in table if name in ours})
-    recordings.zstd = SimpleNamespace(
-        decompress=ours["zstd"], open=lambda file, *_: Bounded(zstd.open(file), path, left)
-    )
-    storage_sqlite3.Sqlite3Reader.open = open_base
-    try:
+    unpackers = [patch.dict(table, {name: ours[name] for name in table if name in ours}) for table in tables]
+    opened = SimpleNamespace(decompress=ours["zstd"], open=lambda file, *_: Bounded(zstd.open(file), path, left))
+    sqlite = patch.object(storage_sqlite3.Sqlite3Reader, "open", open_base)
+    with unpackers[0], unpackers[1], patch.object(recordings, "zstd", opened), sqlite:
         yield
-    finally:
-        recordings.zstd, storage_sqlite3.Sqlite3Reader.open = zstd, open_any
-        for table, known in zip(tables, before, strict=True):
-            table.update(known)
 
 
 def may_be_mapped(topic: str, options: RosOptions) -> bool:
@@ -188,14 +187,6 @@ def may_be_mapped(topic: str, options: RosOptions) -> bool:
     names = {name for one in terms for name in one} | set(options.drop_rows) | {options.cut_by or TIME}
     heads = {name.partition("*")[0] for name in names - {TIME}}
     return not heads or any(head.startswith(f"{topic}/") or f"{topic}/".startswith(head) for head in heads)
-
-
-def in_order(stamps: list[int], first: int, rows: list[list[Any]], names: list[str]) -> Topic:
-    """The messages by their time, which is that since the first message of the recording."""
-    time = (np.array(stamps, dtype=np.int64) - first) * 1e-9
-    order = np.argsort(time, kind="stable")
-    values = np.array(rows, dtype=np.float64)[order]
-    return Topic(time[order], dict(zip(names, values.T, strict=True)))
 
 
 def types_of(options: RosOptions) -> Any:
@@ -306,7 +297,11 @@ def join(topics: dict[str, Topic], clock: str, options: RosOptions, path: Path) 
     """
     whole = topics
     if options.columns.keys() <= {TIME}:
-        topics = {topic: one for topic, one in topics.items() if topic == clock or is_stream(one, topics[clock])}
+        middle = 0.5 * (topics[clock].time[0] + topics[clock].time[-1])
+        streams = [
+            topic for topic, one in topics.items() if len(one.time) >= FEWEST and one.time[0] < middle < one.time[-1]
+        ]
+        topics = {topic: one for topic, one in topics.items() if topic == clock or topic in streams}
     commands = patterns(options, HELD)
     held = {name for one in topics.values() for name in one.fields if any(p.fullmatch(name) for p in commands)}
     begin = max(one.time[0] for one in topics.values())
@@ -319,12 +314,6 @@ def join(topics: dict[str, Topic], clock: str, options: RosOptions, path: Path) 
     for topic, one in topics.items():
         kept = increasing_rows(one.time)
         for name, values in one.fields.items():
-            at = held_at if name in held else interpolated_at
+            at = held_at if name in held else np.interp
             arrays[name] = values[rows] if topic == clock else at(instants, one.time[kept], values[kept])
     return arrays | {name: at for topic in whole.keys() - topics.keys() for name, at in whole[topic].fields.items()}
-
-
-def is_stream(topic: Topic, clock: Topic) -> bool:
-    """Whether messages come all along the clock's: more than a few, from its first half to its second."""
-    middle = 0.5 * (clock.time[0] + clock.time[-1])
-    return len(topic.time) >= FEWEST and bool(topic.time[0] < middle < topic.time[-1])

@@ -16,7 +16,7 @@ from leapgap.logs.cutting import on_even_clock
 from leapgap.logs.derivatives import add_velocities
 from leapgap.logs.files import decoding
 from leapgap.logs.importers.base import LogFormat
-from leapgap.logs.importers.column_map import ColumnMap, Expansion, column_order, is_ours, mapped, tied
+from leapgap.logs.importers.column_map import ColumnMap, Expansion, column_order, is_ours, mapped
 from leapgap.logs.importers.tables import Arrays, Table, Wanted, check_size
 from leapgap.logs.log import Log, LogInfo
 from leapgap.logs.metadata import LONGEST_PERIOD_S, PHASE_LENGTHS, Segment
@@ -111,12 +111,15 @@ class TableFormat(LogFormat):
         names = mapped_columns | set(options.drop_rows) | {name for name in (options.cut_by, options.steps) if name}
         names |= {name.rpartition("[")[0] for name in names if name.endswith("]")}
         table = self.table(path, options, (lambda name: name in names or is_ours(name, robot)))
-        if options.steps is not None:
-            table = with_summed_steps(table, options.steps, f"{where}.steps")
-        columns = mapped(table, options, robot, where)
+        if options.steps is not None:  # each the length until the next row
+            steps, wrong = flag(table, options.steps, table.rows, f"{where}.steps"), "steps that are not all positive"
+            if steps.dtype.kind == "U" or not (steps > 0).all():
+                raise InputError(f"{path}, column {options.steps}", wrong, "lengths", "map a time")
+            table = Table(path, {**table.arrays, "time": np.concatenate([[0.0], np.cumsum(steps[:-1])])})
+        columns, ties = mapped(table, options, robot, where)
         if options.gains == UNKNOWN:
             columns |= starting_gains(columns, robot, where)
-        follows = {joint: tie.of for joint, tie in tied(table, options, robot, where).items()}
+        follows = {joint: tie.of for joint, tie in ties.items()}
         rows = len(next(iter(columns.values()), ()))
         if "time" not in columns:
             if options.period_s is None or not rows:
@@ -125,11 +128,8 @@ class TableFormat(LogFormat):
             columns["time"] = options.period_s * np.arange(rows)
         ordered = {key: columns[key] for key in sorted(columns, key=column_order(robot))}
         logs = [
-            with_follows(
-                finished_log(
-                    cut_name, {key: values[kept] for key, values in ordered.items()}, path, robot, options, self.name
-                ),
-                follows,
+            finished_log(
+                cut_name, {key: values[kept] for key, values in ordered.items()}, path, robot, options, where, follows
             )
             for cut_name, kept in cuts(table, ordered["time"], name, options, where)
         ]
@@ -178,21 +178,22 @@ def check_options(options: TableOptions, where: str) -> None:
     for name, known in known_of.items():
         if getattr(options, name) not in known:
             raise InputError(f"{where}.{name}", getattr(options, name), f"one of {', '.join(known)}", "choose one")
-    for name in ("period_s", "resample_s", "piece_s", "velocity_window_s"):
-        value = getattr(options, name)
-        if value is not None and not 0 < value < math.inf:
-            raise InputError(f"{where}.{name}", f"{value:g}", "a positive time, s", "correct it")
-    for name, least in (("least_rows", 0), ("most_rows", 1)):
-        value = getattr(options, name)
-        if value is not None and value < least:
-            raise InputError(f"{where}.{name}", str(value), f"{least} or more", "correct it")
-    for name in ("target_x_m", "target_z_m"):
-        if not abs(getattr(options, name)) < math.inf:
-            raise InputError(f"{where}.{name}", f"{getattr(options, name):g}", "a number, m", "correct it")
+    positive, finite = (lambda value: 0 < value < math.inf), (lambda value: abs(value) < math.inf)
+    for names, is_sound, expected in (
+        (("period_s", "resample_s", "piece_s", "velocity_window_s"), positive, "a positive time, s"),
+        (("least_rows",), lambda value: value >= 0, "0 or more"),
+        (("most_rows",), lambda value: value >= 1, "1 or more"),
+        (("target_x_m", "target_z_m"), finite, "a number, m"),
+    ):
+        for name in names:
+            value = getattr(options, name)
+            if value is not None and not is_sound(value):
+                raise InputError(f"{where}.{name}", f"{value:g}", expected, "correct it")
     for name in ("pieces", "segments"):
         check_intervals(getattr(options, name), f"{where}.{name}")
     for piece in options.pieces:
-        if not is_file_name(piece.name):
+        plain = piece.name.isprintable() and not set(piece.name) & set('/\\:*?"<>|') and piece.name.strip(". ") != ""
+        if not plain or len(piece.name.encode()) > LONGEST_NAME:  # no name of a file, in some folder of some system
             expected = f"a name of a file, of at most {LONGEST_NAME} characters"
             raise InputError(f"{where}.pieces", f"the name {piece.name[:LONGEST_NAME]!a}", expected, "choose another")
     for name, value in (options.schedule or {}).items():
@@ -214,12 +215,6 @@ def check_intervals(intervals: Sequence[Segment], where: str) -> None:
         raise InputError(where, f"the name {twice} twice", "a name of its own for each log", "rename one")
 
 
-def is_file_name(name: str) -> bool:
-    """Whether a file can have that name with an ending, in any folder of any system."""
-    plain = name.isprintable() and not set(name) & set('/\\:*?"<>|') and name.strip(". ") != ""
-    return plain and len(name.encode()) <= LONGEST_NAME
-
-
 def cuts(
     table: Table, time: np.ndarray, name: str, options: TableOptions, where: str
 ) -> Iterator[tuple[str, np.ndarray]]:
@@ -230,8 +225,15 @@ def cuts(
         kept &= ~has_value(flag(table, column, rows, f"{where}.drop_rows"), values)
     runs = [(name, np.flatnonzero(kept))]
     if options.cut_by is not None:
+        # Each stretch in which the flag keeps one of the wanted values, those of enough rows numbered
         state = flag(table, options.cut_by, rows, f"{where}.cut_by")
-        runs = [(f"{name}_{number}", rows_of) for number, rows_of in enumerate(equal_runs(state, kept, options), 1)]
+        bounds = [0, *(np.flatnonzero(state[1:] != state[:-1]) + 1).tolist(), rows]
+        wanted = has_value(state, options.cut_values) if options.cut_values else np.ones(rows, dtype=bool)
+        of_value = [
+            begin + np.flatnonzero(kept[begin:end]) for begin, end in pairwise(bounds) if wanted[begin:end].any()
+        ]
+        long_enough = [run for run in of_value if len(run) >= options.least_rows]
+        runs = [(f"{name}_{number}", rows_of) for number, rows_of in enumerate(long_enough, 1)]
     elif options.pieces:
         since = time - time[0]
         runs = [
@@ -255,22 +257,6 @@ def has_value(flags: np.ndarray, values: Sequence[Any]) -> np.ndarray:
     return np.isin(flags, [str(one) for one in values] if flags.dtype.kind == "U" else values)
 
 
-def with_summed_steps(table: Table, column: str, where: str) -> Table:
-    """The table with a time that a column of steps adds up to, each the length until the next row."""
-    steps = flag(table, column, table.rows, where)
-    if steps.dtype.kind == "U" or not (steps > 0).all():
-        raise InputError(f"{table.path}, column {column}", "steps that are not all positive", "lengths", "map a time")
-    return Table(table.path, {**table.arrays, "time": np.concatenate([[0.0], np.cumsum(steps[:-1])])})
-
-
-def equal_runs(state: np.ndarray, kept: np.ndarray, options: TableOptions) -> list[np.ndarray]:
-    """Rows of each stretch in which a flag keeps one value, of those values that are wanted."""
-    bounds = [0, *(np.flatnonzero(state[1:] != state[:-1]) + 1).tolist(), len(state)]
-    wanted = has_value(state, options.cut_values) if options.cut_values else np.ones(len(state), dtype=bool)
-    runs = [begin + np.flatnonzero(kept[begin:end]) for begin, end in pairwise(bounds) if end > begin and wanted[begin]]
-    return [run for run in runs if len(run) >= options.least_rows]  # before they are numbered
-
-
 def parts(
     name: str, rows: np.ndarray, time: np.ndarray, options: TableOptions, where: str
 ) -> list[tuple[str, np.ndarray]]:
@@ -291,9 +277,18 @@ def parts(
 
 
 def finished_log(
-    name: str, columns: dict[str, np.ndarray], path: Path, robot: Robot, options: TableOptions, kind: str
+    name: str,
+    columns: dict[str, np.ndarray],
+    path: Path,
+    robot: Robot,
+    options: TableOptions,
+    kind: str,
+    follows: Mapping[str, str],
 ) -> Log:
-    """The log of some rows: its clock checked, resampled and completed where the options say so."""
+    """The log of some rows: its clock checked, resampled and completed where the options say so.
+
+    ``follows`` are joints that were not measured, and the ones that they follow by the model.
+    """
     derived: dict[str, str] = {}
     source = [f"{kind.upper()} {path.name}"]
     later = increasing_rows(columns["time"])
@@ -302,9 +297,14 @@ def finished_log(
         derived["time"] = f"{int((~later).sum())} rows left out, whose time stamps repeat or run back"
         source.append(derived["time"])
     columns["time"] = columns["time"] - columns["time"][:1]
-    info = LogInfo(
-        robot.name, mean_period(columns["time"]), "; ".join(source), (), tuple(options.segments), of_jump(options, kind)
-    )
+    jump: Mapping[str, Mapping[str, Any]] = {}  # what only the log of a jump has
+    if options.schedule is not None:
+        if set(options.schedule) != set(PHASE_LENGTHS):
+            expected = f"lengths in s of {', '.join(PHASE_LENGTHS)}"
+            raise InputError(f"{kind}.schedule", ", ".join(options.schedule), expected, "state all three")
+        jump = {"schedule": dict(options.schedule), "target": {"x_m": options.target_x_m, "z_m": options.target_z_m}}
+    period = mean_period(columns["time"])
+    info = LogInfo(robot.name, period, "; ".join(source), (), tuple(options.segments), jump)
     if info.sample_period_s > LONGEST_PERIOD_S:
         found = (
             f"{len(columns['time'])} rows of {1e3 * info.sample_period_s:.4g} ms, {columns['time'][-1]:.4g} s in all"
@@ -323,24 +323,7 @@ def finished_log(
         log = on_even_clock(log, options.resample_s)
         derived["all"] = f"resampled to {options.resample_s:g} s: commands held, measurements interpolated"
     ordered = {key: log.columns[key] for key in sorted(log.columns, key=column_order(robot))}
-    extra = {**log.info.extra, **({"derived": derived} if derived else {})}
-    if options.gains == UNKNOWN:
-        extra["gains"] = {"known": False}
+    gains = {"known": False} if options.gains == UNKNOWN else {}
+    told: Mapping[str, Mapping[str, Any]] = {"derived": derived, "gains": gains, "follows": follows}
+    extra = {**log.info.extra, **{key: of for key, of in told.items() if of}}
     return Log(name, ordered, replace(log.info, extra=extra))
-
-
-def with_follows(log: Log, follows: Mapping[str, str]) -> Log:
-    """The log that says which joints were not measured, and which ones they follow by the model."""
-    if not follows:
-        return log
-    return replace(log, info=replace(log.info, extra={**log.info.extra, "follows": dict(follows)}))
-
-
-def of_jump(options: TableOptions, where: str) -> Mapping[str, Mapping[str, float]]:
-    """The part of the metadata that only the log of a jump has."""
-    if options.schedule is None:
-        return {}
-    if set(options.schedule) != set(PHASE_LENGTHS):
-        expected = f"lengths in s of {', '.join(PHASE_LENGTHS)}"
-        raise InputError(f"{where}.schedule", ", ".join(options.schedule), expected, "state all three")
-    return {"schedule": dict(options.schedule), "target": {"x_m": options.target_x_m, "z_m": options.target_z_m}}

@@ -1,9 +1,8 @@
 """Tables of numbers: what a file of any tabular format is read as, with the errors that all such files share."""
 
-import math
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -128,11 +127,6 @@ def as_numbers(values: np.ndarray, where: str) -> np.ndarray:
     return numbers
 
 
-def product(shape: Iterable[Any]) -> int:
-    """Number of values of an array of that shape."""
-    return math.prod(int(one) for one in shape)
-
-
 def flat(held: Any, inside: Callable[[Any], Mapping[Any, Any] | None], path: object) -> dict[str, Any]:
     """What nested mappings hold, by names joined by dots: ``outer.inner``; ``inside`` says which values are such."""
     found: dict[str, Any] = {}
@@ -147,15 +141,6 @@ def flat(held: Any, inside: Callable[[Any], Mapping[Any, Any] | None], path: obj
         if len(found) + len(left) > MOST_COLUMNS:
             raise InputError(path, f"more than {MOST_COLUMNS} values by name", "the columns of a log", "save fewer")
     return found
-
-
-def stacked(rows: Sequence[np.ndarray], where: str) -> np.ndarray:
-    """Lists of one length, a row each, as (rows, n); ``InputError`` names the row of another length."""
-    length = len(rows[0])
-    other = next((at for at, row in enumerate(rows) if len(row) != length), None)
-    if other is not None:
-        raise InputError(f"{where}, row {other}", f"{len(rows[other])} items", f"{length}, as in row 0", "repair it")
-    return np.stack(rows)
 
 
 def fields(name: str, array: np.ndarray) -> dict[str, np.ndarray]:

@@ -14,8 +14,7 @@ from leapgap.logs.map_proposal.evidence import (
     CLEAR,
     GUESSED,
     SURE,
-    Evidence,
-    Proposal,
+    Draft,
     factors,
     mean_rates,
     mean_values,
@@ -24,10 +23,10 @@ from leapgap.logs.map_proposal.evidence import (
 )
 from leapgap.logs.map_proposal.joint_columns import words
 from leapgap.logs.map_proposal.unit_readings import nearest
-from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_POSITION, BASE_QUATERNION, BASE_VELOCITY, QUANTITIES
+from leapgap.logs.schema import BASE_ANGULAR_VELOCITY, BASE_QUATERNION, QUANTITIES
 from leapgap.robot.rotations import continuous, upright_cosine
 
-ORDERS = {"w x y z": (0, 1, 2, 3), "x y z w": (3, 0, 1, 2)}  # order of the columns → indices of w, x, y, z in them
+ORDERS = {"w x y z": [0, 1, 2, 3], "x y z w": [3, 0, 1, 2]}  # order of the columns → indices of w, x, y, z in them
 UNLIKE = 0.6  # correlation below which a quaternion does not turn as a gyro says
 NEAR, APART = 0.15, 0.35
 """Distance of two directions of gravity, of length 1, up to which they are the same; and from which on they are not."""
@@ -40,7 +39,7 @@ class Attitude:
     """One reading of four columns as an attitude, and how sure it is."""
 
     columns: tuple[str, ...]
-    order: tuple[int, ...]  # indices of w, x, y, z in the columns
+    order: str  # of the columns, one of ``ORDERS``
     inverse: bool = False  # whether it turns axes of the world into those of the base, the inverse of what a log holds
     known: str = GUESSED
     why: str = "nothing decides it"
@@ -48,19 +47,18 @@ class Attitude:
     @property
     def words(self) -> str:
         """The order in words."""
-        order = next(words for words, order in ORDERS.items() if order == self.order)
-        return f"{order}, world to base, which is turned round" if self.inverse else order
+        return f"{self.order}, world to base, which is turned round" if self.inverse else self.order
 
     def of(self, values: np.ndarray) -> np.ndarray:
         """Quaternions w x y z, base to world, of length 1, from the columns, (rows, 4)."""
-        found = values[:, list(self.order)] * ([1, -1, -1, -1] if self.inverse else [1, 1, 1, 1])
+        found = values[:, ORDERS[self.order]] * ([1, -1, -1, -1] if self.inverse else [1, 1, 1, 1])
         return continuous(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-12))
 
 
-def together(columns: Sequence[str], evidence: Evidence) -> tuple[np.ndarray, np.ndarray]:
+def together(columns: Sequence[str], draft: Draft) -> tuple[np.ndarray, np.ndarray]:
     """Clock, (rows,), and some columns, (rows, n), in the rows where all are finite and the time increases."""
-    values = np.stack([evidence.table.numbers(column) for column in columns], axis=1)
-    clock = evidence.time if evidence.time is not None else np.arange(float(len(values)))
+    values = np.stack([draft.table.numbers(column) for column in columns], axis=1)
+    clock = draft.time if draft.time is not None else np.arange(float(len(values)))
     rows = usable_rows(clock, values)
     return clock[rows], values[rows]
 
@@ -81,10 +79,9 @@ def agreement(first: np.ndarray, second: np.ndarray) -> float:
     return float((first * second).sum() / size) if size > 0 else 0.0
 
 
-def attitude_by_physics(found: Mapping[str, Sequence[str]], gravity: str, evidence: Evidence, named: bool) -> Attitude:
+def attitude_by_physics(found: Mapping[str, Sequence[str]], gravity: str, draft: Draft, named: bool) -> Attitude:
     """The reading that gyro, gravity and accelerometer leave; ``named`` keeps the order, which names state."""
-    orders = [ORDERS["w x y z"]] if named else list(ORDERS.values())
-    columns = tuple(found["base_quat"])
+    orders, columns = ["w x y z"] if named else list(ORDERS), tuple(found["base_quat"])
     every = [Attitude(columns, order, inverse) for inverse in (False, True) for order in orders]
     left, fits, why = every, every, []
     for judge, name, says in (
@@ -94,7 +91,7 @@ def attitude_by_physics(found: Mapping[str, Sequence[str]], gravity: str, eviden
     ):
         if name not in found:
             continue
-        time, values = together([*found["base_quat"], *found[name]], evidence)
+        time, values = together([*found["base_quat"], *found[name]], draft)
         if len(time) < FEWEST:
             continue
         verdicts = [judge(one.of(values[:, :4]), values[:, 4:], time, -1 if name == gravity else 1) for one in every]
@@ -102,7 +99,7 @@ def attitude_by_physics(found: Mapping[str, Sequence[str]], gravity: str, eviden
             left = [one for one, verdict in zip(every, verdicts, strict=True) if one in left and verdict is not False]
             fits = [one for one, verdict in zip(every, verdicts, strict=True) if one in fits and verdict is True]
             why.append(says)
-    _, values = together(found["base_quat"], evidence)
+    _, values = together(found["base_quat"], draft)
     candidates = (fits if why else left) or every
     candidates = sorted(candidates, key=lambda one: (one.inverse, not heads_forward(one.of(values))))
     standing = [one for one in candidates if is_upright(one.of(values))]
@@ -147,21 +144,6 @@ def heads_forward(quaternion: np.ndarray) -> bool:
     return len(quaternion) > 0 and bool(abs(quaternion[0, 0]) > 0.7)
 
 
-def own_rate(attitude: Attitude, found: Mapping[str, Sequence[str]], evidence: Evidence) -> tuple[bool, bool, float]:
-    """Whether a gyro turns as the attitude does, whether in axes of the base, and its factor to rad/s."""
-    time, values = together([*found["base_quat"], *found["base_angvel"]], evidence)
-    if len(time) < FEWEST or evidence.time is None:
-        return False, True, 1.0
-    quaternion, gyro = attitude.of(values[:, :4]), values[:, 4:]
-    turn, of_world, gyro = rates_beside(time, quaternion, gyro)
-    base, world = agreement(turn, gyro), agreement(of_world, gyro)
-    if max(base, world) < CLEAR:
-        return False, True, 1.0
-    of_base = base >= world - 0.05
-    size = factors((turn if of_base else of_world).reshape(-1, 1), gyro.reshape(-1, 1))
-    return True, of_base, float(size[0])
-
-
 GRAVITY_OF_BASE = "gravity"  # direction of gravity in base axes, of length 1: in no log, but it tells the attitude
 WORDS = {
     "base_quat": {"quat", "quaternion", "orientation"},
@@ -181,11 +163,7 @@ BODIES = {"base", "trunk", "body", "pelvis", "root", "torso", "odom", "imu", "po
 FAST = 15.0  # rates of a base, rad/s, above which they are rather in degrees
 LAST = re.compile(r"^(.*?)(?:\[(\d)\]|[._/]?([wxyzWXYZ]|\d))$")
 COLUMNS = {
-    "base_quat": BASE_QUATERNION,
-    "base_angvel": BASE_ANGULAR_VELOCITY,
-    "imu_acc": QUANTITIES["imu_acc"].columns,
-    "base_linvel": BASE_VELOCITY,
-    "base_pos": BASE_POSITION,
+    name: QUANTITIES[name].columns for name in ("base_quat", "base_angvel", "imu_acc", "base_linvel", "base_pos")
 }
 
 
@@ -212,90 +190,92 @@ def base_columns(columns: Sequence[str]) -> dict[str, list[str]]:
     return chosen
 
 
-def find_base(columns: Sequence[str], evidence: Evidence, proposal: Proposal) -> None:
+def find_base(columns: Sequence[str], draft: Draft) -> None:
     """Attitude, gyro and what else is known of the base; how they go together says what their names do not."""
     found = base_columns(columns)
     attitude = None
     if "base_quat" in found:
         named = {"w", "x"} <= {column[-1].lower() for column in found["base_quat"]}
-        attitude = attitude_by_physics(found, GRAVITY_OF_BASE, evidence, named)
-        if not named or attitude.inverse or attitude.order != ORDERS["w x y z"]:
-            known = SURE if attitude.known == SURE and evidence.time_known == SURE else GUESSED
-            proposal.say(known, f"the quaternion of the base is {attitude.words}: {attitude.why}")
-        found["base_quat"] = [attitude.columns[i] for i in attitude.order]
+        attitude = attitude_by_physics(found, GRAVITY_OF_BASE, draft, named)
+        if not named or attitude.inverse or attitude.order != "w x y z":
+            known = SURE if attitude.known == SURE and draft.time_known == SURE else GUESSED
+            draft.say(known, f"the quaternion of the base is {attitude.words}: {attitude.why}")
+        found["base_quat"] = [attitude.columns[i] for i in ORDERS[attitude.order]]
         if attitude.inverse:
             for column in BASE_QUATERNION[1:]:
-                proposal.put("factors", column, -1.0)
-    judge_gyro(found, attitude, evidence, proposal)
-    judge_accelerometer(found, evidence, proposal)
-    judge_velocity(found, attitude, evidence, proposal)
+                draft.put("factors", column, -1.0)
+    judge_gyro(found, attitude, draft)
+    judge_accelerometer(found, draft)
+    judge_velocity(found, attitude, draft)
     for quantity, ours in COLUMNS.items():
         for own, column in zip(ours, found.get(quantity, ()), strict=False):
-            proposal.put("columns", own, column)
+            draft.put("columns", own, column)
         if quantity in found:
-            proposal.say(GUESSED, f"{quantity} is {', '.join(found[quantity])}, by the names")
+            draft.say(GUESSED, f"{quantity} is {', '.join(found[quantity])}, by the names")
     lacking = ", ".join(name for name in COLUMNS if name not in found)
     if lacking:
-        proposal.say(ABSENT, f"{lacking} of the base: left out, as not measured")
+        draft.say(ABSENT, f"{lacking} of the base: left out, as not measured")
 
 
-def judge_gyro(found: dict[str, list[str]], attitude: Attitude | None, evidence: Evidence, proposal: Proposal) -> None:
+def judge_gyro(found: dict[str, list[str]], attitude: Attitude | None, draft: Draft) -> None:
     """The unit and the axes of the gyro, by the rate of the quaternion."""
     if "base_angvel" not in found:
         return
-    theirs = {**found, "base_quat": attitude.columns} if attitude else found
-    fits, of_base, factor = own_rate(attitude, theirs, evidence) if attitude else (False, True, 1.0)
+    fits, of_base, factor = False, True, 1.0
+    if attitude and draft.time is not None:
+        time, values = together([*attitude.columns, *found["base_angvel"]], draft)
+        if len(time) >= FEWEST:
+            turn, of_world, gyro = rates_beside(time, attitude.of(values[:, :4]), values[:, 4:])
+            base, world = agreement(turn, gyro), agreement(of_world, gyro)
+            fits, of_base = max(base, world) >= CLEAR, base >= world - 0.05
+            factor = float(factors((turn if of_base else of_world).reshape(-1, 1), gyro.reshape(-1, 1))[0])
     stated_world = "w" in words(LAST.sub(r"\1", found["base_angvel"][0]))
     if (fits and not of_base) or (not fits and stated_world):
-        proposal.say(
-            ABSENT, f"{found.pop('base_angvel')[0]} …: left out, it turns in axes of the world, not of the base"
-        )
+        draft.say(ABSENT, f"{found.pop('base_angvel')[0]} …: left out, it turns in axes of the world, not of the base")
         return
     unit = nearest(factor, "rad/s") if fits and factor > 0 else None
     known, says = GUESSED, ": the quaternion turns so"
     if unit is None:
-        size = np.linalg.norm(together(found["base_angvel"], evidence)[1], axis=1)
+        size = np.linalg.norm(together(found["base_angvel"], draft)[1], axis=1)
         unit = "deg/s" if np.quantile(size, 0.9) > FAST else "rad/s"
         why = "the quaternion does not turn as it says, so that nothing decides it" if attitude else "no quaternion"
         says = f", by its size: {why}"
-    elif evidence.time_known == SURE and not (attitude and attitude.inverse):
+    elif draft.time_known == SURE and not (attitude and attitude.inverse):
         known = SURE
-    proposal.put_units(BASE_ANGULAR_VELOCITY, unit, "rad/s")
-    proposal.say(known, f"the gyro is in {unit}{says}")
+    draft.put_units(BASE_ANGULAR_VELOCITY, unit, "rad/s")
+    draft.say(known, f"the gyro is in {unit}{says}")
 
 
-def judge_accelerometer(found: dict[str, list[str]], evidence: Evidence, proposal: Proposal) -> None:
+def judge_accelerometer(found: dict[str, list[str]], draft: Draft) -> None:
     """The unit of accelerations: they are mostly as long as gravity; what lacks gravity is left out."""
     if "imu_acc" not in found:
         return
-    length = float(np.median(np.linalg.norm(together(found["imu_acc"], evidence)[1], axis=1)))
+    length = float(np.median(np.linalg.norm(together(found["imu_acc"], draft)[1], axis=1)))
     unit = nearest(GRAVITY / max(length, 1e-9), "m/s²", within=0.3)
     if unit is None:
         says = f"it is mostly {length:.3g} long, which is gravity in no unit"
-        proposal.say(ABSENT, f"{found.pop('imu_acc')[0]} …: left out as accelerometer, {says}")
+        draft.say(ABSENT, f"{found.pop('imu_acc')[0]} …: left out as accelerometer, {says}")
         return
-    proposal.put_units(COLUMNS["imu_acc"], unit, "m/s²")
-    proposal.say(GUESSED, f"the accelerometer is in {unit}: it is mostly as long as gravity")
+    draft.put_units(COLUMNS["imu_acc"], unit, "m/s²")
+    draft.say(GUESSED, f"the accelerometer is in {unit}: it is mostly as long as gravity")
 
 
-def judge_velocity(
-    found: dict[str, list[str]], attitude: Attitude | None, evidence: Evidence, proposal: Proposal
-) -> None:
+def judge_velocity(found: dict[str, list[str]], attitude: Attitude | None, draft: Draft) -> None:
     """Whether the velocity of the base is in axes of the world, as a log has it, by the position and by its name."""
     if "base_linvel" not in found:
         return
     said = words(LAST.sub(r"\1", found["base_linvel"][0]))
     in_base = "b" in said or "body" in said
-    if attitude is not None and "base_pos" in found and evidence.time is not None:
-        time, both = together([*found["base_pos"], *found["base_linvel"], *attitude.columns], evidence)
+    if attitude is not None and "base_pos" in found and draft.time is not None:
+        time, both = together([*found["base_pos"], *found["base_linvel"], *attitude.columns], draft)
         velocities = (both[:, 3:6], turned(attitude.of(both[:, 6:]), both[:, 3:6]))
         rows = rows_meant(float(np.median(np.diff(time))))
         speed = mean_rates(time, both[:, :3], rows)
         world, base = (agreement(speed, mean_values(time, one, rows)) for one in velocities)
         in_base = base > world + 0.1 if max(world, base) > CLEAR else in_base
     if in_base:
-        proposal.say(
+        draft.say(
             ABSENT, f"{found.pop('base_linvel')[0]} …: left out, a velocity in axes of the base, not of the world"
         )
     else:
-        proposal.say(GUESSED, "the velocity of the base is in axes of the world, of the origin of the base")
+        draft.say(GUESSED, "the velocity of the base is in axes of the world, of the origin of the base")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from leapgap.logs.consistency import integral
 from leapgap.logs.importers.tables import Table
 from leapgap.robot.model import Robot
 
@@ -41,32 +42,12 @@ def mean_rates(time: np.ndarray, position: np.ndarray, rows: int) -> np.ndarray:
 
 def mean_values(time: np.ndarray, velocity: np.ndarray, rows: int) -> np.ndarray:
     """Means of velocities, (m, n), over the same rows: what their mean rates are of a position with that rate."""
-    area = np.zeros(velocity.shape)
-    area[1:] = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time)[:, None], axis=0)
-    return mean_rates(time, area, rows)
+    return mean_rates(time, integral(velocity, time), rows)
 
 
 def factors(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """What each column of the second table is multiplied by to be that of the first, by least squares, (n,)."""
     return (first * second).sum(axis=0) / np.maximum((second**2).sum(axis=0), 1e-300)
-
-
-@dataclass(frozen=True)
-class Gains:
-    """A joint PD fitted to a measured torque: τ = a τ_sent + kp (q_set − q) + kd (q̇_set − q̇)."""
-
-    kp: float
-    kd: float
-    explained: float  # share of the torque's variance that it explains
-
-
-def fit_gains(torque: np.ndarray, error: np.ndarray, rate_error: np.ndarray, sent: np.ndarray | None) -> Gains:
-    """Least squares over the rows of one joint."""
-    parts = [error, rate_error, np.ones_like(error), *([] if sent is None else [sent])]
-    design = np.stack(parts, axis=1)
-    solution, *_ = np.linalg.lstsq(design, torque, rcond=None)
-    left = torque - design @ solution
-    return Gains(float(solution[0]), float(solution[1]), 1 - float(left.var() / max(torque.var(), 1e-300)))
 
 
 @dataclass(frozen=True)
@@ -152,7 +133,7 @@ ASKED = "?"  # stands for a unit that has to be stated; no import takes it
 
 @dataclass
 class Proposal:
-    """A map in the making; it becomes options of an import when a person passes it."""
+    """A map that becomes options of an import when a person passes it."""
 
     options: dict[str, Any] = field(default_factory=dict)
     notes: list[tuple[str, str]] = field(default_factory=list)  # how a part of the map is known, and a sentence
@@ -183,9 +164,9 @@ class Proposal:
         return [sentence for one, sentence in self.notes if one == kind]
 
 
-@dataclass
-class Evidence:
-    """The table as read so far: values in our order of joints, in the units that were found."""
+@dataclass(kw_only=True)
+class Draft(Proposal):
+    """A map in the making, with the table as read so far: values in our order of joints, in units that were found."""
 
     table: Table
     robot: Robot
@@ -205,6 +186,12 @@ class Evidence:
     certainty: str = GUESSED  # how sure that unit is: what follows from it is no surer
     torque_alone: bool = False  # whether torques that were sent explain the measured ones: no joint PD beside
 
+    def leave_out(self, quantity: str, sentence: str) -> None:
+        """Take a quantity out of the map and out of what is known of the table, and say so."""
+        self.drop(quantity)
+        del self.values[quantity]
+        self.say(ABSENT, sentence)
+
     def no_surer(self, *others: str) -> str:
         """Sure where the unit of the positions and all others are, else a guess."""
         return SURE if {self.certainty, *others} == {SURE} else GUESSED
@@ -212,11 +199,10 @@ class Evidence:
 
 def real_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Limits of each joint, rad (m of a slide), (joints, 2), and whether they are stops; without, ±3π stand there."""
-    limits, real = np.full((len(robot.joints), 2), [-SPUN_RAD, SPUN_RAD]), np.zeros(len(robot.joints), dtype=bool)
-    for i, name in enumerate(robot.joints):
-        joint = robot.model.joint(name)
-        if joint.limited[0] and np.ptp(joint.range) < TURN_RAD:
-            limits[i], real[i] = joint.range, True
+    joints = [robot.model.joint(name).id for name in robot.joints]
+    ranges = robot.model.jnt_range[joints]
+    real = robot.model.jnt_limited[joints].astype(bool) & (np.ptp(ranges, axis=1) < TURN_RAD)
+    limits = np.where(real[:, None], ranges, [-SPUN_RAD, SPUN_RAD])
     return limits, real
 
 

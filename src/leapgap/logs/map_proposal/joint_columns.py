@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from leapgap.logs.importers.column_map import UNITS
-from leapgap.logs.map_proposal.evidence import GUESSED, MISSING, SPUN_RAD, Evidence, Proposal, inside, real_limits
+from leapgap.logs.map_proposal.evidence import GUESSED, MISSING, SPUN_RAD, Draft, inside, real_limits
 from leapgap.logs.schema import COMMANDS
 from leapgap.robot.model import Robot
 
@@ -53,9 +53,9 @@ class Family:
     preference: int  # more of it: rather this family for its quantity
 
     @property
-    def numbered(self) -> bool:
-        """Whether numbers stand for the joints."""
-        return all(key.isdigit() for key in self.members)
+    def keys(self) -> list[str]:
+        """What stands for ``*``: numbers in their order, names in that of the file."""
+        return sorted(self.members, key=int) if all(map(str.isdigit, self.members)) else list(self.members)
 
 
 def words(name: str) -> list[str]:
@@ -95,17 +95,12 @@ def quantity_by_words(found: Sequence[str]) -> tuple[str, int] | None:
     return ("tau" if said_kind == "tau" else f"joint_{said_kind}"), preference
 
 
-def aliases(joint: str) -> list[str]:
-    """Names by which a joint may be called: its own, and that without the word joint."""
-    short = re.sub(r"_?joint_?", "", joint, flags=re.IGNORECASE)
-    return [joint, *([short] if len(short) > 1 and not short.isdigit() and short != joint else [])]
-
-
 def joint_in(column: str, joints: Sequence[str]) -> tuple[int, int, str] | None:
     """Where a joint's name stands in a column's, and which joint: the longest name that does."""
     found = []
     for joint in joints:
-        for alias in aliases(joint):
+        short = re.sub(r"_?joint_?", "", joint, flags=re.IGNORECASE)
+        for alias in {joint, short} if len(short) > 1 and not short.isdigit() else {joint}:
             for at in re.finditer(re.escape(alias), column, flags=re.IGNORECASE):
                 around = column[max(0, at.start() - 1) : at.start()] + column[at.end() : at.end() + 1]
                 if not re.search(r"[a-zA-Z0-9]" if len(alias) < 4 else r"\d", around):
@@ -189,28 +184,6 @@ def known_orders(robot: Robot) -> Iterator[tuple[str, tuple[str, ...]]]:
     yield "by the alphabet", tuple(sorted(joints))
 
 
-def fitting_order(position: np.ndarray, robot: Robot) -> tuple[str, Sequence[str], list[str]]:
-    """The first order in which positions (rows, joints) lie within the limits, in rad or deg, and others that fit too.
-
-    The model's own where none does.
-    """
-    limits, real = real_limits(robot)
-    unit = UNITS["rad"]["rad" if np.nanmax(np.abs(position)) < 1.5 * SPUN_RAD else "deg"]
-    low, high = np.nanmin(position, axis=0), np.nanmax(position, axis=0)
-
-    def fits(order: Sequence[str], turned: bool) -> bool:
-        at = [order.index(joint) for joint in robot.joints]
-        good = inside(low[at] * unit, high[at] * unit, limits)
-        return bool((good | (turned & inside(-high[at] * unit, -low[at] * unit, limits)))[real].all())
-
-    every = {order: words for words, order in reversed([*known_orders(robot)])}
-    for turned in (False, True):  # joints that count backwards are thought of last
-        found = [order for order in reversed(every) if fits(order, turned)]
-        if found:
-            return every[found[0]], found[0], [every[order] for order in found[1:]]
-    return MODEL, robot.joints, []
-
-
 OF_JOINTS = ("joint_pos", "joint_vel", "tau", *COMMANDS)
 
 
@@ -230,9 +203,9 @@ def fit_of(one: Family, robot: Robot) -> float:
     return 2 if len(one.members) == len(robot.joints) else 1
 
 
-def read_families(chosen: dict[str, Family], evidence: Evidence, proposal: Proposal) -> None:
+def read_families(chosen: dict[str, Family], draft: Draft) -> None:
     """Take each family into the map, with the joints its members are of."""
-    joints = evidence.robot.joints
+    joints = draft.robot.joints
     nameless = defaultdict[str, list[str]](list)
     for quantity in OF_JOINTS:
         one = chosen.get(quantity)
@@ -240,103 +213,122 @@ def read_families(chosen: dict[str, Family], evidence: Evidence, proposal: Propo
             continue
         if one.joints and not set(one.joints.values()) >= set(joints):
             lacking = ", ".join(joint for joint in joints if joint not in one.joints.values())
-            proposal.say(MISSING, f"{quantity} of {lacking}: {one.template} names the others only")
+            draft.say(MISSING, f"{quantity} of {lacking}: {one.template} names the others only")
             continue
-        keys = keys_of(one, evidence)
-        if keys is None and add_some(quantity, one, evidence, proposal):
+        keys = keys_of(one, draft)
+        if keys is None and add_some(quantity, one, draft):
             continue
         if keys is None:
             nameless[", ".join(one.members)].append(f"{quantity}: {one.template}")
-            evidence.unplaced.add(quantity)
+            draft.unplaced.add(quantity)
             continue
-        add_family(quantity, one, keys, evidence, proposal)
+        add_family(quantity, one, keys, draft)
     for names, entries in nameless.items():
         which = f"which of {names} is which joint ({', '.join(joints)})"
-        proposal.say(MISSING, f"{which}: state joint_names, {{theirs: the robot's}}, to map {', '.join(entries)}")
+        draft.say(MISSING, f"{which}: state joint_names, {{theirs: the robot's}}, to map {', '.join(entries)}")
 
 
-def keys_of(one: Family, evidence: Evidence) -> list[str] | None:
+def keys_of(one: Family, draft: Draft) -> list[str] | None:
     """What stands for each joint in a family, in our order of joints; None where that cannot be said."""
-    joints = evidence.robot.joints
+    joints = draft.robot.joints
     if one.joints:
         by_joint = {joint: key for key, joint in one.joints.items()}
         return [by_joint[joint] for joint in joints]
-    if evidence.their_joints and set(evidence.their_joints) <= set(one.members):
-        return evidence.their_joints
-    keys = keys_in_order(one, evidence)
+    if draft.their_joints and set(draft.their_joints) <= set(one.members):
+        return draft.their_joints
+    keys = keys_in_order(one, draft)
     if len(keys) != len(joints):
         return None
-    return [keys[evidence.order.index(joint)] for joint in joints]
+    return [keys[draft.order.index(joint)] for joint in joints]
 
 
-def keys_in_order(one: Family, evidence: Evidence) -> list[str]:
+def keys_in_order(one: Family, draft: Draft) -> list[str]:
     """What stands for ``*`` in a family that names no joints, by number; motors that the robot lacks left out."""
-    keys = sorted(one.members, key=int) if one.numbered else list(one.members)
-    if len(keys) > len(evidence.robot.joints):  # motors that the robot does not have read zero
-        keys = [key for key in keys if np.ptp(evidence.table.numbers(one.members[key])) > 0]
+    keys = one.keys
+    if len(keys) > len(draft.robot.joints):  # motors that the robot does not have read zero
+        keys = [key for key in keys if np.ptp(draft.table.numbers(one.members[key])) > 0]
     return keys
 
 
-def find_order(chosen: dict[str, Family], evidence: Evidence, proposal: Proposal) -> None:
-    """The order of columns that name no joints: the first known one in which positions lie within their limits."""
-    evidence.order, evidence.order_words = evidence.robot.joints, MODEL
+def find_order(chosen: dict[str, Family], draft: Draft) -> None:
+    """The order of columns that name no joints: the first known one in which positions lie within their limits.
+
+    In rad or deg; that of the model where none does.
+    """
+    draft.order, draft.order_words = draft.robot.joints, MODEL
     one = chosen.get("joint_pos")
     if one is None or one.joints:
         return
-    keys = keys_in_order(one, evidence)
-    if len(keys) != len(evidence.robot.joints):
+    keys = keys_in_order(one, draft)
+    if len(keys) != len(draft.robot.joints):
         return
-    position = np.stack([evidence.table.numbers(one.members[key]) for key in keys], axis=1)
+    position = np.stack([draft.table.numbers(one.members[key]) for key in keys], axis=1)
     if not np.isfinite(position).any(axis=0).all():
         return
-    evidence.order_words, evidence.order, others = fitting_order(position, evidence.robot)
-    if evidence.order_words != MODEL:
-        also = f"; so they would {' and '.join(others)}" if others else ""
-        proposal.say(GUESSED, f"joints {evidence.order_words}: so positions lie within the joints' limits{also}")
+    limits, real = real_limits(draft.robot)
+    unit = UNITS["rad"]["rad" if np.nanmax(np.abs(position)) < 1.5 * SPUN_RAD else "deg"]
+    low, high = np.nanmin(position, axis=0), np.nanmax(position, axis=0)
+
+    def fits(order: Sequence[str], turned: bool) -> bool:
+        at = [order.index(joint) for joint in draft.robot.joints]
+        good = inside(low[at] * unit, high[at] * unit, limits)
+        return bool((good | (turned & inside(-high[at] * unit, -low[at] * unit, limits)))[real].all())
+
+    every = {order: words for words, order in reversed([*known_orders(draft.robot)])}
+    # Joints that count backwards are thought of last
+    turned = not any(fits(order, False) for order in every)
+    fitting = [order for order in reversed(every) if fits(order, turned)]
+    if not fitting:
+        return
+    draft.order, *others = fitting
+    draft.order_words = every[draft.order]
+    if draft.order_words != MODEL:
+        also = f"; so they would {' and '.join(every[order] for order in others)}" if others else ""
+        draft.say(GUESSED, f"joints {draft.order_words}: so positions lie within the joints' limits{also}")
 
 
-def add_some(quantity: str, one: Family, evidence: Evidence, proposal: Proposal) -> bool:
+def add_some(quantity: str, one: Family, draft: Draft) -> bool:
     """Add torques of some joints, which the family calls as others did; the other joints have no motor."""
-    theirs = evidence.their_joints or []
+    theirs = draft.their_joints or []
     if quantity not in ("tau", "cmd_tau") or not set(one.members) < set(theirs):
         return False
     idle = []
-    values = np.zeros((evidence.table.rows, len(theirs)))
-    for i, (key, joint) in enumerate(zip(theirs, evidence.robot.joints, strict=True)):
+    values = np.zeros((draft.table.rows, len(theirs)))
+    for i, (key, joint) in enumerate(zip(theirs, draft.robot.joints, strict=True)):
         if key in one.members:
-            proposal.put("columns", f"{quantity}/{joint}", one.members[key])
-            values[:, i] = evidence.table.numbers(one.members[key])
+            draft.put("columns", f"{quantity}/{joint}", one.members[key])
+            values[:, i] = draft.table.numbers(one.members[key])
             continue
         idle.append(joint)
         if quantity == "cmd_tau":
-            proposal.put("constants", f"cmd_tau/{joint}", 0.0)
-    evidence.values[quantity] = values
-    proposal.say(GUESSED, f"{quantity} is {one.template}, by its name; {', '.join(idle)} has none, as without a motor")
+            draft.put("constants", f"cmd_tau/{joint}", 0.0)
+    draft.values[quantity] = values
+    draft.say(GUESSED, f"{quantity} is {one.template}, by its name; {', '.join(idle)} has none, as without a motor")
     return True
 
 
-def add_family(quantity: str, one: Family, keys: list[str], evidence: Evidence, proposal: Proposal) -> None:
+def add_family(quantity: str, one: Family, keys: list[str], draft: Draft) -> None:
     """Add the entries of one family, by ``*`` where the names of joints go with those of the others."""
-    joints, known = evidence.robot.joints, evidence.their_joints == keys
-    evidence.named |= {quantity} if one.joints else set()
-    if evidence.their_joints is None:
-        evidence.their_joints = keys
+    joints, known = draft.robot.joints, draft.their_joints == keys
+    draft.named |= {quantity} if one.joints else set()
+    if draft.their_joints is None:
+        draft.their_joints = keys
         renamed = {key: joint for key, joint in zip(keys, joints, strict=True) if key != joint}
         if renamed:
-            proposal.options["joint_names"] = renamed
-    if evidence.their_joints == keys:
-        proposal.put("columns", f"{quantity}/*", one.template)
+            draft.options["joint_names"] = renamed
+    if draft.their_joints == keys:
+        draft.put("columns", f"{quantity}/*", one.template)
     else:  # other names than the first family has
         for key, joint in zip(keys, joints, strict=True):
-            proposal.put("columns", f"{quantity}/{joint}", one.members[key])
-    evidence.values[quantity] = np.stack([evidence.table.numbers(one.members[key]) for key in keys], axis=1)
+            draft.put("columns", f"{quantity}/{joint}", one.members[key])
+    draft.values[quantity] = np.stack([draft.table.numbers(one.members[key]) for key in keys], axis=1)
     if one.joints:
         how = "the joints are named in it"
     elif known:
         how = "its joints are called the same"
     else:
-        pairs = sorted(zip(keys, joints, strict=True), key=lambda pair: evidence.order.index(pair[1]))
+        pairs = sorted(zip(keys, joints, strict=True), key=lambda pair: draft.order.index(pair[1]))
         order = ", ".join(f"{key} = {joint}" for key, joint in pairs if key != joint)
-        other = " (Unitree's begin with FR)" if evidence.robot.has_free_base else ""
-        how = f"joints {evidence.order_words}, where makers may have another{other}: {order}"
-    proposal.say(GUESSED, f"{quantity} is {one.template}, by its name; {how}")
+        other = " (Unitree's begin with FR)" if draft.robot.has_free_base else ""
+        how = f"joints {draft.order_words}, where makers may have another{other}: {order}"
+    draft.say(GUESSED, f"{quantity} is {one.template}, by its name; {how}")

@@ -13,17 +13,7 @@ import numpy as np
 
 from leapgap.logs.clock import PERIOD_TOLERANCE
 from leapgap.logs.importers.column_map import UNITS
-from leapgap.logs.map_proposal.evidence import (
-    GUESSED,
-    MARGIN_RAD,
-    MISSING,
-    SPUN_RAD,
-    SURE,
-    Evidence,
-    Proposal,
-    inside,
-    real_limits,
-)
+from leapgap.logs.map_proposal.evidence import GUESSED, MARGIN_RAD, MISSING, SPUN_RAD, SURE, Draft, inside, real_limits
 from leapgap.logs.map_proposal.joint_columns import NANOSECONDS, SECONDS, time_columns, words
 from leapgap.robot.model import Robot
 
@@ -200,35 +190,35 @@ LONG_GAP = 20  # a step of the clock that is so many times the median one is a g
 MOST_STATES = 10  # a column with more values than that is no flag
 
 
-def find_time(columns: Sequence[str], evidence: Evidence, proposal: Proposal) -> None:
+def find_time(columns: Sequence[str], draft: Draft) -> None:
     """The clock: named so, increasing, and with the steps of a loop in some unit; else a column of steps.
 
     Seconds and nanoseconds in two columns, as stamps of ROS have them, are one clock.
     """
     if pair := seconds_and_nanoseconds(columns):
-        whole, rest = (evidence.table.instants(column) for column in pair)
+        whole, rest = (draft.table.instants(column) for column in pair)
         instants = whole + 1e-9 * rest
-        if units := units_of_time(instants, "s", evidence.stated.get("period_s")):
-            proposal.put("columns", "time", {pair[0]: 1, pair[1]: 1e-9})
-            evidence.instants, evidence.time_units = instants, units[:1]
+        if units := units_of_time(instants, "s", draft.stated.get("period_s")):
+            draft.put("columns", "time", {pair[0]: 1, pair[1]: 1e-9})
+            draft.instants, draft.time_units = instants, units[:1]
             return
     for column in time_columns(columns):
-        instants = evidence.table.instants(column)
-        units = units_of_time(instants, column, evidence.stated.get("period_s"))
+        instants = draft.table.instants(column)
+        units = units_of_time(instants, column, draft.stated.get("period_s"))
         if units:
-            proposal.put("columns", "time", column)
-            evidence.instants, evidence.time_units = instants, units
+            draft.put("columns", "time", column)
+            draft.instants, draft.time_units = instants, units
             return
     for column in columns:
-        steps = evidence.table.numbers(column)
+        steps = draft.table.numbers(column)
         if "dt" in words(column) and len(steps) and (steps > 0).all():
-            find_steps(column, steps, evidence, proposal)
+            find_steps(column, steps, draft)
             return
-    for name, array in evidence.table.arrays.items():
+    for name, array in draft.table.arrays.items():
         if array.size == 1 and array.dtype.kind in "biuf" and "dt" in words(name) and array.item() > 0:
-            find_steps(name, np.full(evidence.table.rows, float(array.item())), evidence, proposal)
+            find_steps(name, np.full(draft.table.rows, float(array.item())), draft)
             return
-    proposal.say(MISSING, "a column with time stamps: map columns.time, or state period_s if the rows are even")
+    draft.say(MISSING, "a column with time stamps: map columns.time, or state period_s if the rows are even")
 
 
 def seconds_and_nanoseconds(columns: Sequence[str]) -> tuple[str, str] | None:
@@ -258,74 +248,72 @@ def units_of_time(instants: np.ndarray, column: str, period_s: float | None) -> 
     return sorted(found, key=lambda unit: unit not in words(column))
 
 
-def find_steps(column: str, steps: np.ndarray, evidence: Evidence, proposal: Proposal) -> None:
+def find_steps(column: str, steps: np.ndarray, draft: Draft) -> None:
     """A column with the length of each step: a period where it is one number, else what the time is the sum of."""
     unit = next((one for one in TIME_UNITS if STEPS[0] <= np.median(steps) * UNITS["s"][one] <= STEPS[1]), None)
     if unit is None:
-        proposal.say(MISSING, f"a time: {column} has steps of {np.median(steps):.3g}; state period_s")
+        draft.say(MISSING, f"a time: {column} has steps of {np.median(steps):.3g}; state period_s")
         return
-    evidence.instants, evidence.time_units = np.concatenate([[0.0], np.cumsum(steps[:-1])]), [unit]
+    draft.instants, draft.time_units = np.concatenate([[0.0], np.cumsum(steps[:-1])]), [unit]
     if np.ptp(steps) == 0:
-        proposal.options["period_s"] = float(f"{steps[0] * UNITS['s'][unit]:.12g}")
+        draft.options["period_s"] = float(f"{steps[0] * UNITS['s'][unit]:.12g}")
     else:
-        proposal.options["steps"] = column
-    proposal.say(GUESSED, f"the spacing of the samples is {column}")
+        draft.options["steps"] = column
+    draft.say(GUESSED, f"the spacing of the samples is {column}")
 
 
-def judge_time(columns: Sequence[str], reading: UnitReading | None, evidence: Evidence, proposal: Proposal) -> None:
+def judge_time(columns: Sequence[str], reading: UnitReading | None, draft: Draft) -> None:
     """The unit of the clock, with those of the positions and velocities that go with it."""
-    if evidence.instants is None:
+    if draft.instants is None:
         return
-    unit = reading.time if reading and reading.time else evidence.time_units[0]
-    column = proposal.options.get("columns", {}).get("time")
-    evidence.time = evidence.instants * UNITS["s"][unit]
-    step, back = np.diff(evidence.time), int((np.diff(evidence.instants) <= 0).sum())
-    if unit != "s" and "period_s" not in proposal.options:
-        proposal.put("units", "time", unit)
+    unit = reading.time if reading and reading.time else draft.time_units[0]
+    column = draft.options.get("columns", {}).get("time")
+    draft.time = draft.instants * UNITS["s"][unit]
+    step, back = np.diff(draft.time), int((np.diff(draft.instants) <= 0).sum())
+    if unit != "s" and "period_s" not in draft.options:
+        draft.put("units", "time", unit)
     if column is not None:
         column = column if isinstance(column, str) else " and ".join(column)
         longest = f"median {1e3 * np.median(step):.4g}, longest {1e3 * step.max():.4g}"
         said = f"time is {column} in {unit}: steps of {1e3 * step.mean():.4g} ms on average ({longest})"
-        rivals = [one for one in evidence.time_units if one != unit]
+        rivals = [one for one in draft.time_units if one != unit]
         rate_fits = reading is not None and reading.velocity in ("rad/s", "deg/s")
-        if bool((np.diff(evidence.instants) == 1).all()):
-            evidence.time_known = GUESSED
+        if bool((np.diff(draft.instants) == 1).all()):
+            draft.time_known = GUESSED
             if not rate_fits:
-                proposal.drop("time")
-                proposal.say(
+                draft.drop("time")
+                draft.say(
                     MISSING,
                     f"the time: {column} counts up by 1, {unit} or rows; state units.time: {unit} with columns.time: "
                     f"{column}, or period_s",
                 )
                 return
-            proposal.say(GUESSED, f"{said}; if it counts rows, state period_s instead")
-        elif evidence.time_known == SURE or not rivals:
-            evidence.time_known = SURE
-            proposal.say(SURE, said)
+            draft.say(GUESSED, f"{said}; if it counts rows, state period_s instead")
+        elif draft.time_known == SURE or not rivals:
+            draft.time_known = SURE
+            draft.say(SURE, said)
         else:
-            proposal.say(GUESSED, f"{said}; {', '.join(rivals)} would be a loop of a robot as well")
-    find_gaps(columns, evidence, proposal)
+            draft.say(GUESSED, f"{said}; {', '.join(rivals)} would be a loop of a robot as well")
+    find_gaps(columns, draft)
     if back:
-        proposal.options["repeated_times"] = "drop"
-        proposal.say(GUESSED, f"{back} time stamps repeat or run back; their rows are dropped")
+        draft.options["repeated_times"] = "drop"
+        draft.say(GUESSED, f"{back} time stamps repeat or run back; their rows are dropped")
 
 
-def find_gaps(columns: Sequence[str], evidence: Evidence, proposal: Proposal) -> None:
+def find_gaps(columns: Sequence[str], draft: Draft) -> None:
     """Long gaps in the time, and a flag that changes where they are, which then cuts the file."""
-    assert evidence.time is not None
-    step = np.diff(evidence.time)
+    assert draft.time is not None
+    step = np.diff(draft.time)
     gaps = np.flatnonzero(step > LONG_GAP * np.median(step))
     if not len(gaps):
         return
     for column in columns:
-        values = evidence.table.numbers(column)
+        values = draft.table.numbers(column)
         if not np.isfinite(values).all() or len(np.unique(values)) > MOST_STATES:
             continue
         changes = np.flatnonzero(np.diff(values) != 0)
         if len(changes) and all(np.abs(changes - gap).min() <= 2 for gap in gaps):
-            proposal.options["cut_by"] = column
-            proposal.say(
-                GUESSED, f"{len(gaps)} gaps of up to {step.max():.3g} s where {column} changes: it cuts the file"
-            )
+            draft.options["cut_by"] = column
+            draft.say(GUESSED, f"{len(gaps)} gaps of up to {step.max():.3g} s where {column} changes: it cuts the file")
             return
-    proposal.say(MISSING, f"what cuts the file at {len(gaps)} gaps of up to {step.max():.3g} s: cut_by, or pieces")
+    draft.say(MISSING, f"what cuts the file at {len(gaps)} gaps of up to {step.max():.3g} s: cut_by, or pieces")

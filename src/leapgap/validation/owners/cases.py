@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from leapgap.logs.log import Log, LogInfo, write_log
-from leapgap.robot.self_contained import OWN_MODEL
+from leapgap.robot.mjcf import OWN_MODEL
 from leapgap.runtime.atomic_io import sha256, write_text
 from leapgap.validation.outcome import DETECTABLE_FLOORS
 from leapgap.validation.owners.errors import OF_ROBOT, Error, Situation
