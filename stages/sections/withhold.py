@@ -11,7 +11,7 @@ from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
 from leapgap.validation.case import CaseSetup, ChosenCase
 from leapgap.validation.case_draw import FurtherCounts, FurtherKinds, Half, draw_cases
-from leapgap.validation.motions import known
+from leapgap.validation.motions import MOTIONS
 from leapgap.validation.owners.cases import OwnersHalf, draw_owners
 from leapgap.validation.withholding import ClassCases, DrawnCases, RobotClass, draw_class
 from stages.common import CONF, find_model, read_config, read_each, read_one_of
@@ -74,7 +74,7 @@ def read_class(name: str, settings: WithholdSettings, section: DictConfig) -> Cl
     own = section.robots[name]
     chosen = read_config(RobotClass, own, f"withhold.robots.{name}")
     robot = Robot.load(find_model(chosen.model), fix_base=chosen.fix_base)
-    motion = read_one_of(known(), {"motion": own.motion}, f"withhold.robots.{name}")["motion"]
+    motion = read_one_of(MOTIONS, {"motion": own.motion}, f"withhold.robots.{name}")["motion"]
     world = OmegaConf.create(OmegaConf.to_container(section.world))  # without its flag, so that keys may be added
     merged = OmegaConf.merge(world, {"block_height_m": [0.0, 0.0]}, own.world)
     setup = read_config(CaseSetup, merged, f"withhold.robots.{name}.world")

@@ -14,7 +14,7 @@ from leapgap.runtime.executor import Executor
 from leapgap.simulation.open_loop import Course
 from leapgap.validation.case import CaseSetup, published_case, withhold, write_case
 from leapgap.validation.case_draw import Case, Half, OwnNumbers, Sizes, draw_ordinary_cases
-from leapgap.validation.motions.base import PlannedMotion
+from leapgap.validation.motions import PlannedMotion
 from leapgap.validation.owners.cases import OwnersCase, write_owners_case
 from leapgap.validation.seal import PUBLISHED, SEALS, seal
 
