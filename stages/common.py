@@ -10,6 +10,7 @@ import hashlib
 import math
 import os
 import re
+import shutil
 import sys
 from argparse import ArgumentParser
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -54,7 +55,7 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
     name = Path(sys.argv[0]).stem
 
     def stage_or_refusal(config: DictConfig) -> Any:
-        find_robot(config)
+        config.robot.model = find_model(config.robot.model)
         if in_sweep():
             return run_job(name, stage, config)
         try:
@@ -82,6 +83,15 @@ def run_command(name: str, command: Callable[[list[str]], int | None]) -> None:
         sys.exit(command(sys.argv[1:]))
     except (InputError, OSError) as error:
         refuse(name, error)
+
+
+def program(name: str) -> str:
+    """The path of a program that a command calls, DVC or git; ``InputError`` where there is none."""
+    found = shutil.which(name)
+    if found is None:
+        do = "activate the project's environment: . .venv/bin/activate"
+        raise InputError(name, "no such program", "a program on the path", do)
+    return found
 
 
 def run_job(name: str, stage: Callable[[DictConfig], Any], config: DictConfig) -> Any:
@@ -124,13 +134,6 @@ def run_job(name: str, stage: Callable[[DictConfig], Any], config: DictConfig) -
 def code_of(name: str) -> str:
     """Hash of all code that a stage imports."""
     return SourceTree((PACKAGE, Path(__file__).parent)).code_hash(f"stages.{name}")
-
-
-def find_robot(config: DictConfig) -> None:
-    """Read the project's own robot from any working folder."""
-    found = find_model(config.robot.model)
-    if found != config.robot.model:
-        config.robot.model = found
 
 
 def find_model(model: str) -> str:

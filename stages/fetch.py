@@ -25,8 +25,7 @@ from omegaconf.errors import OmegaConfBaseException
 from leapgap.errors import InputError, did_you_mean
 from leapgap.runtime.atomic_io import read_json, write_json
 from leapgap.runtime.output_folder import folder_lock, is_inside
-from stages.common import run_command
-from stages.programs import program
+from stages.common import program, run_command
 
 IMPORTS, RAW = Path("imports"), Path("data/raw")
 JUMPS = "a1_hardware"

@@ -22,8 +22,7 @@ from leapgap.errors import InputError, did_you_mean
 from leapgap.runtime.atomic_io import read_json, sha256, write_json
 from leapgap.runtime.content_hash import digest
 from leapgap.runtime.import_closure import SourceTree, digest_of
-from stages.common import run_command
-from stages.programs import program
+from stages.common import program, run_command
 
 NOTED = Path("metrics/made_with.json")
 KINDS = {".py", ".xml", ".yaml", ".c", ".h"}

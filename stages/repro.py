@@ -26,8 +26,7 @@ from omegaconf import OmegaConf
 
 from leapgap.errors import InputError
 from leapgap.runtime.atomic_io import read_json, write_json
-from stages.common import LONGEST_MESSAGE, read_params, run_command
-from stages.programs import program
+from stages.common import LONGEST_MESSAGE, program, read_params, run_command
 
 RECORDED = Path("metrics/timing/stages.json")
 """Seconds of each stage as committed, measured on an idle machine."""
