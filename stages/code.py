@@ -20,7 +20,7 @@ OUT = Path("data/code")
 STAGES = Path(__file__).parent
 PAGES = ("leapgap.reports", "leapgap.jumping.reports")
 """Packages whose modules make pages and recordings."""
-COMPUTING = ("diagnosis", "diagnosis_job", "kept", "verdict_jobs", "revisits", "real_robots")
+COMPUTING = ("diagnosis", "kept", "verdict_jobs", "revisits", "real_robots")
 COMPUTES = {"leapgap.reports", *(f"leapgap.reports.{name}" for name in COMPUTING)}
 """What of them is used without a page."""
 GUARDS = "leapgap.runtime"

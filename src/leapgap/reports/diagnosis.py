@@ -171,20 +171,19 @@ class Report:
         viewer inside the page.
         """
         with merged_folder(Path(folder), SAVED_BY, replaced=(CORRECTED, BEST)) as beside:
-            picture = robot_picture(self.robot, joints) if (joints := self.culprits) else None
-            self.write(beside, viewer, picture, self.loop())
+            self.write(beside, viewer, drawn=True)
             if self.record is not None:
                 self.record(self, beside / RECORDING)
         return Path(folder)
 
-    def write(self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None, loop: Loop | None = None) -> None:
+    def write(self, folder: Path, viewer: str = LIGHT, drawn: bool = False) -> None:
         """Write ``report.json``, ``report.html``, ``corrected/`` and ``best/`` into a folder.
 
         ``best/`` is left out where no best simulator was asked for, or where it equals ``corrected/``. ``viewer`` as of
-        ``save``; ``picture`` is a PNG of the robot for the page, ``loop`` one of its motion.
+        ``save``; ``drawn``: the page has pictures of the robot and of its motion, where the machine can draw.
         """
         self.write_data(folder)
-        self.write_page(folder, viewer, picture, loop)
+        self.write_page(folder, viewer, drawn)
 
     @one_blas_thread()
     def write_data(self, folder: Path) -> None:
@@ -197,14 +196,14 @@ class Report:
             write_corrected(folder / BEST, self.robot, self.best)
 
     @one_blas_thread()
-    def write_page(
-        self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None, loop: Loop | None = None
-    ) -> None:
-        """Write the page into a folder that has the data."""
+    def write_page(self, folder: Path, viewer: str = LIGHT, drawn: bool = False) -> None:
+        """Write the page into a folder that has the data; arguments as of ``write``."""
         from leapgap.reports.report import html
 
         check_viewer(viewer)
         inside = self.embedded() if viewer == EMBEDDED else None
+        picture = robot_picture(self.robot, self.culprits) if drawn and self.culprits else None
+        loop = self.loop() if drawn else None
         replays, replayable = (self.nominal, self.corrected), (folder / CORRECTED / NOMINAL).is_file()
         page = html(self.content, self.logs, self.robot, *replays, inside, replayable, picture, loop, self.correction)
         write_text(folder / PAGE, page)
@@ -288,14 +287,12 @@ def diagnose_logs(
     logs: Sequence[Log],
     robot: Robot,
     settings: Settings,
-    own: Sequence[type[Effect]] = (),
-    provenance: Provenance | None = None,
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
 ) -> Report:
     """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``."""
     chosen = ChosenLogs.of(Readings(tuple(logs)), progress)
-    return diagnose_chosen(chosen, robot, settings, own, provenance, progress, threads)
+    return diagnose_chosen(chosen, robot, settings, progress=progress, threads=threads)
 
 
 @one_blas_thread()
@@ -319,10 +316,8 @@ def diagnose_chosen(
     aside = chosen.set_aside
     diagnosis = diagnose(chosen.logs, robot, settings, provenance, progress, threads, own, descriptions, aside)
     said = (*chosen.left_out, *diagnosis.report.not_judged)
-    notes = (*of_robot, *chosen.notes)
-    diagnosis = replace(
-        diagnosis, report=replace(diagnosis.report, not_judged=said, notes=(*notes, *diagnosis.report.notes))
-    )
+    notes = (*of_robot, *chosen.notes, *diagnosis.report.notes)
+    diagnosis = replace(diagnosis, report=replace(diagnosis.report, not_judged=said, notes=notes))
     replayer = Replayer(robot, sensors=diagnosis.sensors)
 
     def replays(motions: Mapping[str, Motion]) -> dict[str, Log]:
