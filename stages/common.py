@@ -37,8 +37,7 @@ PLANS = Path("plans")
 JOBS, FIGURES, FAILED = "jobs", "figures", "failed"
 """Folder of a multirun's results, and what a result holds: the figures of the job, or why it failed."""
 
-LONGEST_MESSAGE = 300
-"""Characters of a message of another library that are repeated."""
+LONGEST_MESSAGE = 300  # characters of a message of another library that are repeated
 UNKNOWN_KEY = re.compile(r"(?:Could not override '|not in struct full_key: )([\w.]+)")
 NO_OPTION = re.compile(r"Could not find '([\w/]+)/(.+?)' Available options in '[^']*': (.*?)(?: Config search|$)")
 """How Hydra and OmegaConf say that a key, or an option of a group, is not known."""
@@ -366,8 +365,7 @@ def in_sweep() -> bool:
     return HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN
 
 
-OUTPUTS = ExitStack()
-"""Locks of the output folders of the running stage."""
+OUTPUTS = ExitStack()  # locks of the output folders of the running stage
 
 
 def output_folder(

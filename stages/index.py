@@ -14,8 +14,7 @@ from leapgap.jumping.reports import results_index
 from leapgap.runtime.atomic_io import write_text
 from stages.common import run_folder, run_stage
 
-TITLE = "<title>leapgap: all results</title>"
-"""Line by which an index of ours is known from a page of somebody else's."""
+TITLE = "<title>leapgap: all results</title>"  # line by which an index of ours is known from a page of somebody else's
 
 
 def index(config: DictConfig) -> None:

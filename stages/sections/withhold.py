@@ -31,16 +31,13 @@ class WithholdSettings:
     halves: dict[str, Any]
     sizes: dict[str, dict[str, list[float]]]
     signed: list[str]
-    chosen: list[Any]
-    """Cases that are not drawn, each a ``ChosenCase``."""
+    chosen: list[Any]  # cases that are not drawn, each a ``ChosenCase``
     further: dict[str, Any]
     clocks: dict[str, dict[str, list[float]]]
     too_high: dict[str, dict[str, list[float]]]
-    robots: dict[str, Any]
-    """Name of a class of cases → its ``RobotClass``."""
+    robots: dict[str, Any]  # name of a class of cases → its ``RobotClass``
     shares: dict[str, dict[str, list[float]]]
-    owners: dict[str, Any]
-    """Half → its ``OwnersHalf``."""
+    owners: dict[str, Any]  # half → its ``OwnersHalf``
 
 
 def draw_all(settings: WithholdSettings, section: DictConfig, robot: Robot) -> DrawnCases:

@@ -36,32 +36,21 @@ if TYPE_CHECKING:  # a diagnosis is made without its page, so that a change of t
     from leapgap.reports.viewer import EmbeddedViewer
 
 LIGHT, EMBEDDED = "light", "embedded"
-VIEWERS = (LIGHT, EMBEDDED)
-"""What shows the robot on the page: plots and text alone, or the Rerun viewer inside."""
+VIEWERS = (LIGHT, EMBEDDED)  # what shows the robot on the page: plots and text alone, or the Rerun viewer inside
 REPORT, PAGE, CORRECTED, BEST, RECORDING = "report.json", "report.html", "corrected", "best", "diagnosis.rrd"
 """What ``Report.save`` writes into a folder."""
-SAVED_BY = "leapgap diagnose"
-"""What the marker of a saved report says that wrote it."""
+SAVED_BY = "leapgap diagnose"  # what the marker of a saved report says that wrote it
 CAUSES_PRINTED = 5
 PLACES_PRINTED = 4
-
-
-def check_viewer(name: str) -> None:
-    """Raise ``InputError`` for a viewer that is none."""
-    if name not in VIEWERS:
-        raise InputError("viewer", name, f"one of {', '.join(VIEWERS)}", "choose one of them")
 
 
 @dataclass(frozen=True)
 class PageSettings:
     """Section ``report`` of the configuration."""
 
-    viewer: str = LIGHT
-    """``light`` or ``embedded``, for the Rerun viewer inside the page."""
-    recordings: bool = True
-    """Whether to write ``diagnosis.rrd``."""
-    diagnosis: str = "data/diagnoses/damped"
-    """Folder of a diagnosis that was kept as data (``kept.keep``)."""
+    viewer: str = LIGHT  # ``light`` or ``embedded``, for the Rerun viewer inside the page
+    recordings: bool = True  # whether to write ``diagnosis.rrd``
+    diagnosis: str = "data/diagnoses/damped"  # folder of a diagnosis that was kept as data (``kept.keep``)
     out: str | None = None
     replays: str | None = None
 
@@ -200,7 +189,8 @@ class Report:
         """Write the page into a folder that has the data; arguments as of ``write``."""
         from leapgap.reports.report import html
 
-        check_viewer(viewer)
+        if viewer not in VIEWERS:
+            raise InputError("viewer", viewer, f"one of {', '.join(VIEWERS)}", "choose one of them")
         inside = self.embedded() if viewer == EMBEDDED else None
         picture = robot_picture(self.robot, self.culprits) if drawn and self.culprits else None
         loop = self.loop() if drawn else None
@@ -260,12 +250,10 @@ class ChosenLogs:
     """The logs that are diagnosed, and what the report says of the others."""
 
     logs: tuple[Log, ...]
-    set_aside: Mapping[str, str]
-    """Name → reason of each log that could not be used, or departs from the others."""
+    set_aside: Mapping[str, str]  # name → reason of each log that could not be used, or departs from the others
     left_out: tuple[str, ...]
     """A sentence on stretches or logs that are left out since there are more than a diagnosis can use."""
-    notes: tuple[str, ...]
-    """What is unusual in the logs."""
+    notes: tuple[str, ...]  # what is unusual in the logs
 
     @staticmethod
     def of(readings: Readings, progress: Callable[[str], None] = lambda _: None) -> "ChosenLogs":

@@ -13,7 +13,7 @@ from leapgap.errors import InputError
 from leapgap.robot.model import Robot
 from leapgap.validation.generator import OTHERS, USUAL, Physics
 from leapgap.validation.off_table import family
-from leapgap.validation.uneven_rows import ClockFamily
+from leapgap.validation.uneven_rows import ClockFamily, limbs_of
 
 GRAVITY = 9.81
 
@@ -300,8 +300,7 @@ class EffectSampler:
             return "all" if not others or self.rng.random() < 0.5 else str(self.rng.choice(others))
         if kind.places == "none" or self.rng.random() < 0.5:
             return "all"
-        legs = tuple(dict.fromkeys(self.robot.limb_of(joint) for joint in self.robot.joints))
-        kinds = [("front", "rear"), self.robot.joint_groups, legs, self.robot.joints]
+        kinds = [("front", "rear"), self.robot.joint_groups, limbs_of(self.robot), self.robot.joints]
         if kind.places == "feet":
             kinds = [("front", "rear"), self.robot.feet]
         return str(self.rng.choice(kinds[self.rng.integers(len(kinds))]))
