@@ -93,7 +93,7 @@ def figures_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def rank(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Rows by their first figure, the smallest first; those without one at the end."""
-    name = next(iter(figures_of(rows)), None)
+    name = next(iter(figures_of(rows)), "")
 
     def first(row: Mapping[str, Any]) -> float:
         value = row.get(name)
