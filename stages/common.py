@@ -7,7 +7,6 @@ does without it, and so do workers.
 """
 
 import hashlib
-import math
 import os
 import re
 import shutil
@@ -21,12 +20,13 @@ from typing import Any, NoReturn, TypeVar
 
 import yaml
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException, ValidationError
+from omegaconf.errors import OmegaConfBaseException
 
 from leapgap.errors import InputError, did_you_mean, printable
 from leapgap.runtime.atomic_io import read_json, write_json
 from leapgap.runtime.import_closure import PACKAGE, SourceTree
 from leapgap.runtime.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, package_version, system_error
+from leapgap.runtime.typed_values import from_mapping
 from stages.code import check_loaded
 from stages.help import CONF
 
@@ -266,64 +266,14 @@ def keys_below(value: Any, above: str = "") -> list[str]:
 def read_config(kind: type[T], section: DictConfig, key: str) -> T:
     """Turn a section of the configuration into the dataclass that documents it.
 
-    A mapping of the section (inputs by name, tolerances by effect) replaces the dataclass's default and is not merged
-    with it. A key the dataclass lacks, or a value of the wrong type, is an ``InputError`` with the full key.
+    A key the dataclass lacks, or a value of the wrong type, is an ``InputError`` with the full key.
     """
     try:
-        values = OmegaConf.to_container(section, resolve=True)  # merged, it loses what it refers to
-        check_numbers(values, key)
-        section = OmegaConf.create(values)
-        schema = OmegaConf.structured(kind)
-        unlock(schema)
-        empty_mappings(schema, section)
-        return OmegaConf.to_object(OmegaConf.merge(schema, section))
+        return from_mapping(kind, OmegaConf.to_container(section, resolve=True), key, ".")
     except OmegaConfBaseException as error:
-        message = str(error).splitlines()[0].rstrip(".")
-        where = f"{key}.{error.full_key}" if getattr(error, "full_key", None) else key
-        if isinstance(error, ValidationError):
-            raise InputError(where, message, "a value of that kind", "correct it") from None
-        fields = list(getattr(getattr(error, "object_type", kind), "__dataclass_fields__", kind.__dataclass_fields__))  # type: ignore[attr-defined]
-        do = did_you_mean(str(getattr(error, "key", "")), fields) or "correct it in conf/ or on the command line"
-        raise InputError(where, message, f"the keys {', '.join(fields)}", do) from None
+        raise config_error(error) from None
     except ValueError as error:  # a dataclass that refuses its values
         raise InputError(key, str(error), "values that fit together", "correct them in conf/") from None
-
-
-def check_numbers(value: Any, key: str) -> None:
-    """Raise ``InputError`` for a setting that is NaN: all comparisons with it fail, so that no later check sees it."""
-    if isinstance(value, dict):
-        for name, one in value.items():
-            check_numbers(one, f"{key}.{name}")
-    elif isinstance(value, list):
-        for number, one in enumerate(value):
-            check_numbers(one, f"{key}[{number}]")
-    elif isinstance(value, float) and math.isnan(value):
-        raise InputError(key, "nan", "a number", "correct it in conf/ or on the command line")
-
-
-def unlock(node: DictConfig) -> None:
-    """Make the schema of frozen dataclasses writable, nested ones too, so that values can be merged into it."""
-    OmegaConf.set_readonly(node, None)
-    for key in node:
-        child = node._get_node(key)
-        if isinstance(child, DictConfig) and in_use(child):
-            unlock(child)
-
-
-def in_use(node: DictConfig) -> bool:
-    """Whether a node of a schema has a default value."""
-    return not node._is_none() and not node._is_missing()
-
-
-def empty_mappings(schema: DictConfig, section: DictConfig) -> None:
-    """Empty each mapping of the schema that the section has too; OmegaConf would otherwise merge the two."""
-    for key in schema:
-        default, given = schema._get_node(key), section._get_node(key) if key in section else None
-        if isinstance(default, DictConfig) and isinstance(given, DictConfig) and in_use(default):
-            if OmegaConf.get_type(default) is dict:
-                schema[key] = {}
-            else:
-                empty_mappings(default, given)
 
 
 def read_optional(kind: type[T], section: DictConfig | None, key: str) -> T | None:
