@@ -24,9 +24,8 @@ from leapgap.runtime.atomic_io import read_json, write_json, write_metrics
 from leapgap.runtime.cache import ResultCache, foreign_code, result_key
 from leapgap.runtime.executor import Executor
 from leapgap.validation.case import published_case, write_case
-from leapgap.validation.half_scores import ScoreSettings, open_outcome
+from leapgap.validation.half_scores import open_outcome, realised_closure
 from leapgap.validation.outcome import truth_in_words
-from leapgap.validation.realised_reduction import realised_closure
 from leapgap.validation.seal import PUBLISHED, SEALS, open_truth
 from leapgap.validation.withholding import write_truth
 from stages.bench_table import line, markdown, row_of, row_without_answer, summary
@@ -202,19 +201,8 @@ def scored(job: Job, verdict: Path, truths: Path, robot: Robot) -> dict[str, Any
     """The row of a case."""
     times = read_json(verdict / TIMES)
     if (verdict / REPORT).is_file():
-        settings = ScoreSettings(
-            logs=str(job.logs.parent),
-            truth=str(truths),
-            verdicts=str(verdict.parent),
-            revisits=None,
-            out=None,
-            metrics=None,
-            published_metrics=None,
-            bootstrap_draws=0,
-            bins=1,
-            seed=1,
-        )
-        row = row_of(open_outcome(job.name, settings, robot), read_json(verdict / REPORT))
+        found = open_outcome(job.name, job.logs.parent, truths, verdict.parent, robot, seed=1)
+        row = row_of(found, read_json(verdict / REPORT))
     else:
         truth = open_truth(truths, job.logs.parent, job.name)
         row = row_without_answer(truth, truth_in_words(truth), times["error"])

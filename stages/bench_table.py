@@ -8,8 +8,7 @@ import numpy as np
 from leapgap.validation.outcome import LEAVES_A_REST, CaseOutcome
 
 Row = Mapping[str, Any]
-NO_ANSWER = "no answer"
-"""Verdict of a case that took longer than its limit, or ended with an error."""
+NO_ANSWER = "no answer"  # verdict of a case that took longer than its limit, or ended with an error
 
 
 def row_of(o: CaseOutcome, report: Mapping[str, Any]) -> dict[str, Any]:

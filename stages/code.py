@@ -18,17 +18,14 @@ from leapgap.runtime.import_closure import PACKAGE, SourceTree
 
 OUT = Path("data/code")
 STAGES = Path(__file__).parent
-PAGES = ("leapgap.reports", "leapgap.jumping.reports")
-"""Packages whose modules make pages and recordings."""
-COMPUTING = ("diagnosis", "diagnosis_job", "kept", "verdict_jobs", "revisits", "real_robots")
+PAGES = ("leapgap.reports", "leapgap.jumping.reports")  # packages whose modules make pages and recordings
+COMPUTING = ("diagnosis", "kept", "verdict_jobs", "revisits", "real_robots")
 COMPUTES = {"leapgap.reports", *(f"leapgap.reports.{name}" for name in COMPUTING)}
 """What of them is used without a page."""
-GUARDS = "leapgap.runtime"
-"""What guards a run and shapes no result: `stages/__init__.py` loads it before any stage."""
+GUARDS = "leapgap.runtime"  # what guards a run and shapes no result: `stages/__init__.py` loads it before any stage
 RENDERS = {"evaluate", "index", "land_page", "report", "score", "view"}
 """Stages that make pages; of the others no module of ``PAGES`` counts, and ``check_loaded`` holds them to it."""
-RUNS = "run_stage("
-"""What the file of a stage calls, and of another command does not."""
+RUNS = "run_stage("  # what the file of a stage calls, and of another command does not
 
 
 def hashes(name: str, tree: SourceTree) -> dict[str, str]:

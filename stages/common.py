@@ -7,9 +7,9 @@ does without it, and so do workers.
 """
 
 import hashlib
-import math
 import os
 import re
+import shutil
 import sys
 from argparse import ArgumentParser
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -20,12 +20,13 @@ from typing import Any, NoReturn, TypeVar
 
 import yaml
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException, ValidationError
+from omegaconf.errors import OmegaConfBaseException
 
 from leapgap.errors import InputError, did_you_mean, printable
 from leapgap.runtime.atomic_io import read_json, write_json
 from leapgap.runtime.import_closure import PACKAGE, SourceTree
 from leapgap.runtime.output_folder import AS_IT_WAS, STATES, check_output, folder_lock, package_version, system_error
+from leapgap.runtime.typed_values import from_mapping
 from stages.code import check_loaded
 from stages.help import CONF
 
@@ -36,8 +37,7 @@ PLANS = Path("plans")
 JOBS, FIGURES, FAILED = "jobs", "figures", "failed"
 """Folder of a multirun's results, and what a result holds: the figures of the job, or why it failed."""
 
-LONGEST_MESSAGE = 300
-"""Characters of a message of another library that are repeated."""
+LONGEST_MESSAGE = 300  # characters of a message of another library that are repeated
 UNKNOWN_KEY = re.compile(r"(?:Could not override '|not in struct full_key: )([\w.]+)")
 NO_OPTION = re.compile(r"Could not find '([\w/]+)/(.+?)' Available options in '[^']*': (.*?)(?: Config search|$)")
 """How Hydra and OmegaConf say that a key, or an option of a group, is not known."""
@@ -54,7 +54,7 @@ def run_stage(stage: Callable[[DictConfig], Any], extensible: str | None = None)
     name = Path(sys.argv[0]).stem
 
     def stage_or_refusal(config: DictConfig) -> Any:
-        find_robot(config)
+        config.robot.model = find_model(config.robot.model)
         if in_sweep():
             return run_job(name, stage, config)
         try:
@@ -82,6 +82,15 @@ def run_command(name: str, command: Callable[[list[str]], int | None]) -> None:
         sys.exit(command(sys.argv[1:]))
     except (InputError, OSError) as error:
         refuse(name, error)
+
+
+def program(name: str) -> str:
+    """The path of a program that a command calls, DVC or git; ``InputError`` where there is none."""
+    found = shutil.which(name)
+    if found is None:
+        do = "activate the project's environment: . .venv/bin/activate"
+        raise InputError(name, "no such program", "a program on the path", do)
+    return found
 
 
 def run_job(name: str, stage: Callable[[DictConfig], Any], config: DictConfig) -> Any:
@@ -124,13 +133,6 @@ def run_job(name: str, stage: Callable[[DictConfig], Any], config: DictConfig) -
 def code_of(name: str) -> str:
     """Hash of all code that a stage imports."""
     return SourceTree((PACKAGE, Path(__file__).parent)).code_hash(f"stages.{name}")
-
-
-def find_robot(config: DictConfig) -> None:
-    """Read the project's own robot from any working folder."""
-    found = find_model(config.robot.model)
-    if found != config.robot.model:
-        config.robot.model = found
 
 
 def find_model(model: str) -> str:
@@ -264,64 +266,14 @@ def keys_below(value: Any, above: str = "") -> list[str]:
 def read_config(kind: type[T], section: DictConfig, key: str) -> T:
     """Turn a section of the configuration into the dataclass that documents it.
 
-    A mapping of the section (inputs by name, tolerances by effect) replaces the dataclass's default and is not merged
-    with it. A key the dataclass lacks, or a value of the wrong type, is an ``InputError`` with the full key.
+    A key the dataclass lacks, or a value of the wrong type, is an ``InputError`` with the full key.
     """
     try:
-        values = OmegaConf.to_container(section, resolve=True)  # merged, it loses what it refers to
-        check_numbers(values, key)
-        section = OmegaConf.create(values)
-        schema = OmegaConf.structured(kind)
-        unlock(schema)
-        empty_mappings(schema, section)
-        return OmegaConf.to_object(OmegaConf.merge(schema, section))
+        return from_mapping(kind, OmegaConf.to_container(section, resolve=True), key, ".")
     except OmegaConfBaseException as error:
-        message = str(error).splitlines()[0].rstrip(".")
-        where = f"{key}.{error.full_key}" if getattr(error, "full_key", None) else key
-        if isinstance(error, ValidationError):
-            raise InputError(where, message, "a value of that kind", "correct it") from None
-        fields = list(getattr(getattr(error, "object_type", kind), "__dataclass_fields__", kind.__dataclass_fields__))  # type: ignore[attr-defined]
-        do = did_you_mean(str(getattr(error, "key", "")), fields) or "correct it in conf/ or on the command line"
-        raise InputError(where, message, f"the keys {', '.join(fields)}", do) from None
+        raise config_error(error) from None
     except ValueError as error:  # a dataclass that refuses its values
         raise InputError(key, str(error), "values that fit together", "correct them in conf/") from None
-
-
-def check_numbers(value: Any, key: str) -> None:
-    """Raise ``InputError`` for a setting that is NaN: all comparisons with it fail, so that no later check sees it."""
-    if isinstance(value, dict):
-        for name, one in value.items():
-            check_numbers(one, f"{key}.{name}")
-    elif isinstance(value, list):
-        for number, one in enumerate(value):
-            check_numbers(one, f"{key}[{number}]")
-    elif isinstance(value, float) and math.isnan(value):
-        raise InputError(key, "nan", "a number", "correct it in conf/ or on the command line")
-
-
-def unlock(node: DictConfig) -> None:
-    """Make the schema of frozen dataclasses writable, nested ones too, so that values can be merged into it."""
-    OmegaConf.set_readonly(node, None)
-    for key in node:
-        child = node._get_node(key)
-        if isinstance(child, DictConfig) and in_use(child):
-            unlock(child)
-
-
-def in_use(node: DictConfig) -> bool:
-    """Whether a node of a schema has a default value."""
-    return not node._is_none() and not node._is_missing()
-
-
-def empty_mappings(schema: DictConfig, section: DictConfig) -> None:
-    """Empty each mapping of the schema that the section has too; OmegaConf would otherwise merge the two."""
-    for key in schema:
-        default, given = schema._get_node(key), section._get_node(key) if key in section else None
-        if isinstance(default, DictConfig) and isinstance(given, DictConfig) and in_use(default):
-            if OmegaConf.get_type(default) is dict:
-                schema[key] = {}
-            else:
-                empty_mappings(default, given)
 
 
 def read_optional(kind: type[T], section: DictConfig | None, key: str) -> T | None:
@@ -363,8 +315,7 @@ def in_sweep() -> bool:
     return HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN
 
 
-OUTPUTS = ExitStack()
-"""Locks of the output folders of the running stage."""
+OUTPUTS = ExitStack()  # locks of the output folders of the running stage
 
 
 def output_folder(

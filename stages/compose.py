@@ -34,8 +34,7 @@ PLANNED = {
     "withhold": ("chosen", "clocks", "further", "halves", "owners", "robots", "shares", "signed", "sizes", "too_high"),
 }
 """Keys of sections that are plans."""
-BY_HAND = ("bench", "export", "robots")
-"""Sections of commands that no pipeline runs."""
+BY_HAND = ("bench", "export", "robots")  # sections of commands that no pipeline runs
 
 
 def compose_conf(overrides: Sequence[str] = ()) -> dict[str, Any]:

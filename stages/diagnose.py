@@ -11,7 +11,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from leapgap.reports.diagnosis import PageSettings, diagnose_folder
-from leapgap.reports.diagnosis_job import DiagnoseSettings, write_diagnosis
+from leapgap.reports.kept import DiagnoseSettings, write_diagnosis
 from stages.common import output_folder, read_config, run_stage
 from stages.robot import load_robot
 

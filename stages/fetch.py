@@ -25,14 +25,11 @@ from omegaconf.errors import OmegaConfBaseException
 from leapgap.errors import InputError, did_you_mean
 from leapgap.runtime.atomic_io import read_json, write_json
 from leapgap.runtime.output_folder import folder_lock, is_inside
-from stages.common import run_command
-from stages.programs import program
+from stages.common import program, run_command
 
 IMPORTS, RAW = Path("imports"), Path("data/raw")
-JUMPS = "a1_hardware"
-"""The source that is fetched where none is named."""
-PATIENCE_S = 20
-"""An address that has not answered by then is taken for one that no network reaches."""
+JUMPS = "a1_hardware"  # the source that is fetched where none is named
+PATIENCE_S = 20  # an address that has not answered by then is taken for one that no network reaches
 WITHOUT = "everything runs on simulated hardware and says so"
 WITHOUT_ROBOT = "make robots leaves its cases out and says so"
 """What happens without the jumps, and without the logs of a real robot."""
@@ -47,12 +44,9 @@ class Import:
     file: Path
     url: str
     revision: str
-    path: str
-    """In the repository."""
-    out: str
-    """Below data/raw; its first folder is the source's name."""
-    md5: str | None
-    """Of the content, where it is known."""
+    path: str  # in the repository
+    out: str  # below data/raw; its first folder is the source's name
+    md5: str | None  # of the content, where it is known
 
     @staticmethod
     def read(file: Path) -> "Import":

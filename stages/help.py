@@ -12,8 +12,7 @@ from pathlib import Path
 from leapgap.runtime.output_folder import package_version
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
-WIDTH, KEYS = 110, 46
-"""Characters of a line, and of the column of the keys."""
+WIDTH, KEYS = 110, 46  # characters of a line, and of the column of the keys
 LONGEST_DEFAULT = 24
 LINE = re.compile(r"(?P<indent> *)(?P<key>[\w\"*./-]+):(?: (?P<value>.*))?")
 

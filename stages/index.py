@@ -7,22 +7,20 @@ Examples:
 
 from pathlib import Path
 
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from leapgap.errors import InputError
 from leapgap.jumping.reports import results_index
 from leapgap.runtime.atomic_io import write_text
-from stages.common import run_stage
+from stages.common import run_folder, run_stage
 
-TITLE = "<title>leapgap: all results</title>"
-"""Line by which an index of ours is known from a page of somebody else's."""
+TITLE = "<title>leapgap: all results</title>"  # line by which an index of ours is known from a page of somebody else's
 
 
 def index(config: DictConfig) -> None:
     """Write the page; what is absent is said on it."""
     section = config.index
-    out = Path(section.out) if section.out else Path(HydraConfig.get().runtime.output_dir) / "index.html"
+    out = Path(section.out) if section.out else run_folder() / "index.html"
     if out.exists() and (not out.is_file() or TITLE not in out.read_text(encoding="utf-8", errors="replace")[:1000]):
         raise InputError(out, "a file that this stage did not write", "an index of ours, or none", "name another file")
     root = Path(section.root)

@@ -22,12 +22,10 @@ from leapgap.errors import InputError, did_you_mean
 from leapgap.runtime.atomic_io import read_json, sha256, write_json
 from leapgap.runtime.content_hash import digest
 from leapgap.runtime.import_closure import SourceTree, digest_of
-from stages.common import run_command
-from stages.programs import program
+from stages.common import program, run_command
 
 NOTED = Path("metrics/made_with.json")
-KINDS = {".py", ".xml", ".yaml", ".c", ".h"}
-"""Files of these kinds are code."""
+KINDS = {".py", ".xml", ".yaml", ".c", ".h"}  # files of these kinds are code
 UNCHANGED = "--unchanged="
 DIAGNOSIS = "leapgap.diagnosis.diagnose"
 
@@ -37,8 +35,7 @@ def library(*parts: str) -> tuple[str, ...]:
     return tuple(f"src/leapgap/{part}" for part in parts)
 
 
-KEPT_WHOLE = library("runtime")
-"""What workers and outputs of a killed stage are kept whole by."""
+KEPT_WHOLE = library("runtime")  # what workers and outputs of a killed stage are kept whole by
 BENCH = (DIAGNOSIS, *library("validation"), "conf/withhold", "conf/bench", "stages/bench.py")
 CODE: dict[str, tuple[str, ...]] = {
     "metrics/blind.json": (DIAGNOSIS, *library("validation"), "conf/withhold", "conf/size/blind.yaml"),

@@ -13,8 +13,7 @@ from pathlib import Path
 
 from leapgap.errors import InputError
 from leapgap.runtime.atomic_io import write_text
-from stages.common import run_command
-from stages.programs import program
+from stages.common import program, run_command
 
 TEMPLATE, OUT = Path(".dvc/tmp/plots.html"), Path("plots")
 PAGE = """<!doctype html>

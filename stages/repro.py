@@ -26,20 +26,16 @@ from omegaconf import OmegaConf
 
 from leapgap.errors import InputError
 from leapgap.runtime.atomic_io import read_json, write_json
-from stages.common import LONGEST_MESSAGE, read_params, run_command
-from stages.programs import program
+from stages.common import LONGEST_MESSAGE, program, read_params, run_command
 
-RECORDED = Path("metrics/timing/stages.json")
-"""Seconds of each stage as committed, measured on an idle machine."""
-OWN = Path(".dvc/tmp/stage_seconds.json")
-"""Seconds of each stage on this machine."""
+RECORDED = Path("metrics/timing/stages.json")  # seconds of each stage as committed, measured on an idle machine
+OWN = Path(".dvc/tmp/stage_seconds.json")  # seconds of each stage on this machine
 BEGINS = re.compile(r"Running stage '([^']+)'")
 ENDS = re.compile(r"Stage '([^']+)' (?:didn't change|is cached)")
 PUBLISHED, RAW = Path("published/dvc.yaml"), Path("data/raw")
 """The pipeline of published jumps, and where their logs are."""
 REDRAWN_EVERY_S = 1.0
-CLEAR = "\r\x1b[K"
-"""Moves to the start of the terminal's line and empties it."""
+CLEAR = "\r\x1b[K"  # moves to the start of the terminal's line and empties it
 
 
 @dataclass
@@ -47,14 +43,12 @@ class Progress:
     """Which stages are done, which is running, and how long the others take."""
 
     stages: tuple[str, ...]
-    seconds: Mapping[str, float]
-    """Known durations by stage, s."""
+    seconds: Mapping[str, float]  # known durations by stage, s
     clock: Callable[[], float] = time.monotonic
     done: set[str] = field(default_factory=set)
     running: str | None = None
     began: float = 0.0
-    taken: dict[str, float] = field(default_factory=dict)
-    """Durations measured in this run, s."""
+    taken: dict[str, float] = field(default_factory=dict)  # durations measured in this run, s
 
     def read(self, line: str) -> None:
         """Take note of a line of DVC's output."""

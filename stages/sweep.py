@@ -20,8 +20,7 @@ from leapgap.runtime.atomic_io import read_json, whole_file, write_text
 from leapgap.runtime.output_folder import check_output, claim_folder, folder_lock
 from stages.common import FAILED, FIGURES, JOBS, refuse
 
-MOST_FIGURES = 4
-"""Figures that the plot has a panel for, the first ones."""
+MOST_FIGURES = 4  # figures that the plot has a panel for, the first ones
 HELD = ExitStack()
 """The folder of the multirun, held by this process. Launchers pickle the callback for their workers, which cannot hold
 it, so that it is no part of the callback."""
@@ -94,12 +93,10 @@ def figures_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def rank(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Rows by their first figure, the smallest first; those without one at the end."""
-    figures = figures_of(rows)
-    if not figures:
-        return list(rows)
+    name = next(iter(figures_of(rows)), "")
 
     def first(row: Mapping[str, Any]) -> float:
-        value = row.get(figures[0])
+        value = row.get(name)
         return value if isinstance(value, float) else float("inf")
 
     return sorted(rows, key=first)

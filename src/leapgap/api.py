@@ -168,15 +168,15 @@ def diagnose(
     own = tuple(dict.fromkeys([*(one for one in effects if not isinstance(one, str)), *also]))
     names = [one if isinstance(one, str) else one.name for one in effects]
     chosen = replace(given, effects=[*given.effects, *names], without=[*given.without, *without])
-    record = recorder() if find_spec("rerun") else None
-    others = [load_robot(one) for one in descriptions]
+    others, record = [load_robot(one) for one in descriptions], record_report if find_spec("rerun") else None
     if isinstance(logs, PathLike) and Path(logs).is_dir():
         report = diagnose_folder(Path(logs), loaded, chosen, progress, threads, own, others, record)
         if report is None:
             raise no_logs(Path(logs), "*.parquet", loaded)
         return report
     read = read_logs(logs)
-    provenance = Provenance.of(read, loaded, asdict(chosen), file_hashes(logs, read))
+    files = {log.name: sha256(Path(logs)) for log in read} if isinstance(logs, PathLike) else None
+    provenance = Provenance.of(read, loaded, asdict(chosen), files)
     some_logs = ChosenLogs.of(Readings(tuple(read)), progress)
     return diagnose_chosen(some_logs, loaded, chosen, own, provenance, progress, threads, others, record)
 
@@ -240,17 +240,8 @@ def hashes_of(source: Logs, name: str) -> list[str]:
     return [sha256(file)] if file.is_file() else []
 
 
-def file_hashes(source: Logs, logs: Sequence[Log]) -> dict[str, str] | None:
-    """SHA-256 of the file that logs were read from, by the log's name; None where they are not from a file."""
-    return {log.name: sha256(Path(source)) for log in logs} if isinstance(source, PathLike) else None
+def record_report(report: Report, path: Path) -> None:
+    """Write a report as a recording; Rerun is imported only then."""
+    from leapgap.reports import pages
 
-
-def recorder() -> Callable[[Report, Path], None]:
-    """What writes a report as a recording; Rerun is imported only when one is written."""
-
-    def record(report: Report, path: Path) -> None:
-        from leapgap.reports.pages import record_report
-
-        record_report(report, path)
-
-    return record
+    pages.record_report(report, path)

@@ -24,6 +24,8 @@ DESCRIPTION = "Find out why a robot does not move as its MuJoCo simulation does.
 IMPORT, REPLAY, DEMO, NET = "leapgap import", "leapgap replay", "leapgap demo", "leapgap actuator-net"
 """Commands, as the markers of their output folders name them."""
 MOST_THREADS = 1024
+DIR: dict[str, Any] = {"type": Path, "metavar": "DIR"}
+FILE: dict[str, Any] = {"type": Path, "metavar": "FILE"}
 UNITS = "Units: m, rad, s, N, N·m.\nExit code 2: bad input, with a message that says what to do."
 EXAMPLES = {
     "diagnose": (
@@ -106,12 +108,10 @@ def parser() -> argparse.ArgumentParser:
     diagnose = command("diagnose", run_diagnose, "diagnose logs against a MuJoCo model and write a report")
     diagnose.add_argument("logs", type=Path, help="folder of logs in leapgap's format (*.parquet)")
     diagnose.add_argument("robot", type=Path, help="model of the robot (MJCF or URDF)")
-    diagnose.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for report and corrected model; default: none"
-    )
+    diagnose.add_argument("--out", **DIR, help="folder for report and corrected model; default: none")
     diagnose.add_argument("--effects", metavar="A,B", help="search these effects only (list: leapgap effects)")
     diagnose.add_argument("--without", metavar="A,B", help="leave these effects out")
-    diagnose.add_argument("--settings", type=Path, metavar="FILE", help="settings to change, JSON or YAML")
+    diagnose.add_argument("--settings", **FILE, help="settings to change, JSON or YAML")
     diagnose.add_argument(
         "--viewer",
         choices=("light", "embedded"),
@@ -120,7 +120,6 @@ def parser() -> argparse.ArgumentParser:
     )
     diagnose.add_argument("--threads", type=count, metavar="N", help="number of threads; default: all cores")
     diagnose.add_argument("--quiet", action="store_true", help="print the result only, no progress")
-
     robot_options(diagnose)
 
     judge = command("judge", run_judge, "say which changes of a corrected model are supported by further logs")
@@ -144,8 +143,8 @@ def parser() -> argparse.ArgumentParser:
     )
     net.add_argument("logs", type=Path, help="folder of logs (*.parquet), two or more, of one set of gains")
     net.add_argument("robot", type=Path, help="model of the robot (MJCF or URDF)")
-    net.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the networks")
-    net.add_argument("--report", type=Path, metavar="DIR", help="report whose causes the networks are compared with")
+    net.add_argument("--out", **DIR, required=True, help="folder for the networks")
+    net.add_argument("--report", **DIR, help="report whose causes the networks are compared with")
     net.add_argument("--history", type=count, default=3, metavar="N", help="steps that a network sees: 3")
     net.add_argument("--step", type=float, default=0.005, metavar="S", help="length of a step, s: 0.005")
     net.add_argument("--quiet", action="store_true", help="print the errors only, no progress")
@@ -153,21 +152,20 @@ def parser() -> argparse.ArgumentParser:
 
     policy = command("consequence", run_consequence, "say what each cause of a report does to a policy")
     policy.add_argument("report", type=Path, help="folder that 'leapgap diagnose --out' wrote, or its folder corrected")
-    policy.add_argument("--policy", type=Path, required=True, metavar="FILE", help="policy as ONNX or TorchScript")
-    policy.add_argument("--map", type=Path, required=True, metavar="FILE", help="its inputs and outputs, YAML or JSON")
-    policy.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON, too")
+    policy.add_argument("--policy", **FILE, required=True, help="policy as ONNX or TorchScript")
+    policy.add_argument("--map", **FILE, required=True, help="its inputs and outputs, YAML or JSON")
+    policy.add_argument("--json", **FILE, help="write the result as JSON, too")
     policy.add_argument("--quiet", action="store_true", help="print the result only, no progress")
 
     check = command("check", run_check, "check time stamps and consistency of logs, in seconds")
     check.add_argument("logs", type=Path, help="folder of logs in leapgap's format (*.parquet)")
     check.add_argument("robot", type=Path, nargs="?", help="model of the robot, for the checks that need one")
-
     robot_options(check)
 
     replay = command("replay", run_replay, "replay the logged commands in simulation and write the replays as logs")
     replay.add_argument("logs", type=Path, help="folder of logs in leapgap's format (*.parquet)")
     replay.add_argument("robot", type=Path, help="model of the robot, or the folder 'corrected' of a report")
-    replay.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the replays")
+    replay.add_argument("--out", **DIR, required=True, help="folder for the replays")
     replay.add_argument(
         "--effect",
         action="append",
@@ -175,24 +173,21 @@ def parser() -> argparse.ArgumentParser:
         metavar="NAME[@PLACE]:PARAMETER=VALUE,…",
         help="add an effect, such as joint_damping@RR_calf:damping=0.4; may be repeated",
     )
-
     robot_options(replay)
 
     bring = command("import", run_import, "convert logs of another format to leapgap's format")
     bring.add_argument("source", type=Path, help="folder that holds the logs, or one file")
     bring.add_argument("robot", type=Path, help="model of the robot (MJCF or URDF)")
     bring.add_argument("--format", help="csv, json, parquet, npz, hdf5, mat, pt, ros, lerobot, sage, …; default: any")
-    bring.add_argument("--out", type=Path, metavar="DIR", help="folder for the logs")
+    bring.add_argument("--out", **DIR, help="folder for the logs")
     bring.add_argument(
         "--guess", action="store_true", help="suggest a column mapping for these logs as YAML; import nothing"
     )
     bring.add_argument(
         "--options",
-        type=Path,
-        metavar="FILE",
+        **FILE,
         help="column mapping, YAML or JSON; default: the suggested one, if it leaves no question open",
     )
-
     robot_options(bring)
 
     effects = command("effects", run_effects, "list the effects that can be searched, with units and ranges")
@@ -204,7 +199,7 @@ def parser() -> argparse.ArgumentParser:
     report.add_argument("--no-browser", action="store_true", help="do not open the page")
 
     demo = command("demo", run_demo, "diagnose a simulated robot with a hidden fault; a minute or two")
-    demo.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for logs and report: demo")
+    demo.add_argument("--out", **DIR, default=Path("demo"), help="folder for logs and report: demo")
     demo.add_argument("--number", type=int, default=3, metavar="N", help="which robot; each has another fault: 3")
     demo.add_argument("--no-browser", action="store_true", help="do not open the page")
     return top
@@ -212,8 +207,8 @@ def parser() -> argparse.ArgumentParser:
 
 def judge_options(command: argparse.ArgumentParser) -> None:
     """Options that ``judge`` and ``compare`` share."""
-    command.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON, too")
-    command.add_argument("--settings", type=Path, metavar="FILE", help="settings to change, JSON or YAML")
+    command.add_argument("--json", **FILE, help="write the result as JSON, too")
+    command.add_argument("--settings", **FILE, help="settings to change, JSON or YAML")
     command.add_argument("--threads", type=count, metavar="N", help="number of threads; default: all cores")
     command.add_argument("--quiet", action="store_true", help="print the result only, no progress")
     robot_options(command)

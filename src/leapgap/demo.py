@@ -71,14 +71,10 @@ def draw_effect(robot: Robot, rng: np.random.Generator) -> Effect:
     """One effect of ``HIDDEN`` with a drawn value, at a drawn joint if it acts at one."""
     entry = draw_values(HIDDEN[int(rng.integers(len(HIDDEN)))], rng)
     if effects.known()[entry["name"]].places != "none":
-        entry.setdefault("location", str(rng.choice(moving_joints(robot))))
+        pose = robot.model.key(0).qpos[robot.joint_qpos]  # the motion moves the joints that are bent in it
+        moving = [joint for joint, angle in zip(robot.joints, pose, strict=True) if angle != 0]
+        entry.setdefault("location", str(rng.choice(moving)))
     return effects.from_config([entry])[0]
-
-
-def moving_joints(robot: Robot) -> list[str]:
-    """Joints that the motion moves: those that are bent in the model's first keyframe."""
-    pose = robot.model.key(0).qpos[robot.joint_qpos]
-    return [joint for joint, angle in zip(robot.joints, pose, strict=True) if angle != 0]
 
 
 def squat(robot: Robot, name: str, rng: np.random.Generator) -> Log:

@@ -1,6 +1,6 @@
 """The cases that the section ``withhold`` describes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +9,12 @@ from omegaconf import DictConfig, OmegaConf
 from leapgap.jumping.planning.reference import read_targets, reference_to, select_planar_robot
 from leapgap.logs.log import Log, read_logs
 from leapgap.robot.model import Robot
+from leapgap.simulation.open_loop import Course
 from leapgap.validation.case import CaseSetup, ChosenCase
-from leapgap.validation.case_draw import FurtherCounts, FurtherKinds, Half, draw_cases
-from leapgap.validation.motions import known
+from leapgap.validation.case_draw import FurtherCounts, FurtherKinds, Half, OwnNumbers, draw_cases, draw_ordinary_cases
+from leapgap.validation.motions import MOTIONS
 from leapgap.validation.owners.cases import OwnersHalf, draw_owners
-from leapgap.validation.withholding import ClassCases, DrawnCases, RobotClass, draw_class
+from leapgap.validation.withholding import ClassCases, DrawnCases
 from stages.common import CONF, find_model, read_config, read_each, read_one_of
 
 
@@ -31,16 +32,25 @@ class WithholdSettings:
     halves: dict[str, Any]
     sizes: dict[str, dict[str, list[float]]]
     signed: list[str]
-    chosen: list[Any]
-    """Cases that are not drawn, each a ``ChosenCase``."""
+    chosen: list[Any]  # cases that are not drawn, each a ``ChosenCase``
     further: dict[str, Any]
     clocks: dict[str, dict[str, list[float]]]
     too_high: dict[str, dict[str, list[float]]]
-    robots: dict[str, Any]
-    """Name of a class of cases → its ``RobotClass``."""
+    robots: dict[str, Any]  # name of a class of cases → its ``RobotClass``
     shares: dict[str, dict[str, list[float]]]
-    owners: dict[str, Any]
-    """Half → its ``OwnersHalf``."""
+    owners: dict[str, Any]  # half → its ``OwnersHalf``
+
+
+@dataclass(frozen=True)
+class RobotClass:
+    """Settings of one class: the robot, its motion, and how many cases there are."""
+
+    model: str  # model file, or a name in MuJoCo Menagerie
+    fix_base: bool | None  # true: a floating robot is held at the pose of its model file; null: as the file has it
+    motion: dict[str, Any]  # kind of a motion and its numbers
+    world: dict[str, Any]  # how its logs are generated, where that departs from the setup of the jumps
+    halves: dict[str, Any]
+    without: list[str]  # effects that are not drawn, since they change nothing of the robot's motion
 
 
 def draw_all(settings: WithholdSettings, section: DictConfig, robot: Robot) -> DrawnCases:
@@ -74,9 +84,13 @@ def read_class(name: str, settings: WithholdSettings, section: DictConfig) -> Cl
     own = section.robots[name]
     chosen = read_config(RobotClass, own, f"withhold.robots.{name}")
     robot = Robot.load(find_model(chosen.model), fix_base=chosen.fix_base)
-    motion = read_one_of(known(), {"motion": own.motion}, f"withhold.robots.{name}")["motion"]
+    motion = read_one_of(MOTIONS, {"motion": own.motion}, f"withhold.robots.{name}")["motion"]
     world = OmegaConf.create(OmegaConf.to_container(section.world))  # without its flag, so that keys may be added
     merged = OmegaConf.merge(world, {"block_height_m": [0.0, 0.0]}, own.world)
     setup = read_config(CaseSetup, merged, f"withhold.robots.{name}.world")
     halves = read_each(Half, own.halves, f"withhold.robots.{name}.halves")
-    return draw_class(robot, motion, setup, halves, settings.shares, settings.signed, chosen.without)
+    setup = replace(setup, log="log", course=Course(setup.course.settle_s, after_landing_s=0.0))
+    shares = {effect: of_effect for effect, of_effect in settings.shares.items() if effect not in chosen.without}
+    numbers = OwnNumbers.of(robot, motion.start(robot), motion.sample_period_s)
+    cases = draw_ordinary_cases(halves, shares, settings.signed, robot, numbers)
+    return ClassCases(robot, motion.draw(robot), setup, cases)

@@ -81,10 +81,7 @@ def test_the_version_of_a_stage(tmp_path: Path) -> None:
             "found --hlp; expected key=value, --help, --version or an option of Hydra; did you mean --he",
         ),
         (("chunk", "steps"), "found steps, which sets nothing; expected key=value; write it so, or see --help"),
-        (
-            ("chunk", "chunk.steps=two"),
-            "chunk.steps: found Value 'two' of type 'str' could not be converted to Integer; ex",
-        ),
+        (("chunk", "chunk.steps=two"), "chunk.steps: found 'two'; expected a value of type int"),
     ],
 )
 def test_a_misspelt_key_is_answered_with_the_nearest(tmp_path: Path, arguments: tuple[str, ...], question: str) -> None:

@@ -72,7 +72,7 @@ BROKEN = {
     "loop": ("yaml", "joint_order: &a [*a]\n", "nested too deep"),
     "merged": ("yaml", f"{MERGED}columns: *a30\n", "more than 100000 values"),
     "base_sixty": ("yaml", f"period_s: 1{':59' * 100_000}\n", "a number of 300001 characters"),
-    "part_of_a_piece": ("yaml", "pieces: [{name: a, begin_s: 0}]\n", "pieces, item 0: found no end_s"),
+    "part_of_a_piece": ("yaml", "pieces: [{name: a, begin_s: 0}]\n", "pieces[0]: found no end_s"),
     "long": ("yaml", "# " + "x" * 20_000_000, "bytes; expected at most"),
 }
 """Name → ending, text, and words of the message."""

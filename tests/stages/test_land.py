@@ -93,7 +93,7 @@ def test_unknown_hardware_and_methods_are_refused(tmp_path: Path) -> None:
         ("single", ["jmp_40"], "land.single: found jmp_40; .* did you mean jump_40?"),
         ("tasks.jump_40.repeats", 10**9, "land.tasks.jump_40.repeats: found 1000000000; expected 0 "),
         ("tasks.jump_40.repeats", -1, "land.tasks.jump_40.repeats: found -1; "),
-        ("tasks.jump_40.repeats", "often", "land.tasks.jump_40.repeats: found Value 'often' "),
+        ("tasks.jump_40.repeats", "often", "land.tasks.jump_40.repeats: found 'often'; "),
         ("practice.rounds", [-1], "land: found identify_jumps 4, random_jumps 16, rounds \\[-1\\]: "),
         ("practice.identify_jumps", 0, "land: found identify_jumps 0, "),
     ],

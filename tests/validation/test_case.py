@@ -25,9 +25,17 @@ from leapgap.validation.case import (
 )
 from leapgap.validation.case_draw import Case, Half, draw_cases
 from leapgap.validation.generator import Generator, Nuisance, NuisanceSizes
-from leapgap.validation.off_table import families
-from leapgap.validation.off_table.loads import DRAG_AREA, SLOSH_HZ, PacketLoss, SloshingPayload, Wind
-from leapgap.validation.off_table.motors import Backlash, Crosstalk, DeadBand
+from leapgap.validation.off_table import (
+    DRAG_AREA,
+    FAMILIES,
+    SLOSH_HZ,
+    Backlash,
+    Crosstalk,
+    DeadBand,
+    PacketLoss,
+    SloshingPayload,
+    Wind,
+)
 from stages.compose import compose_conf
 from tests.conftest import standing
 
@@ -39,7 +47,7 @@ def sizes() -> dict[str, dict[str, list[float]]]:
 
 @pytest.fixture(scope="module")
 def halves() -> dict[str, Half]:
-    names = sorted(families())
+    names = sorted(FAMILIES)
     return {"a": Half(1, 20, 3, 6, 2, names[:6]), "b": Half(2, 20, 3, 7, 2, names[6:])}
 
 
@@ -158,15 +166,15 @@ def test_triples_are_three_different_effects_and_change_no_other_case(
 
 
 def test_no_off_table_effect_is_known_to_the_diagnosis() -> None:
-    assert len(families()) >= 8
-    assert not set(families()) & set(effects.known())
+    assert len(FAMILIES) >= 8
+    assert not set(FAMILIES) & set(effects.known())
 
 
 def largest(sizes: dict[str, dict[str, list[float]]], name: str) -> Effect:
-    return families()[name](**{key: value[1] for key, value in sizes[name].items()})
+    return FAMILIES[name](**{key: value[1] for key, value in sizes[name].items()})
 
 
-@pytest.mark.parametrize("name", sorted(families()))
+@pytest.mark.parametrize("name", sorted(FAMILIES))
 def test_every_off_table_effect_changes_the_motion(
     name: str, sizes: dict[str, dict[str, list[float]]], references: list[Log], robot: Robot, plain: WithheldCase
 ) -> None:
@@ -180,13 +188,13 @@ def test_every_off_table_effect_changes_the_motion(
     assert np.abs(on.qpos - off.qpos).max() > 0.005
 
 
-@pytest.mark.parametrize("name", sorted(families()))
+@pytest.mark.parametrize("name", sorted(FAMILIES))
 def test_an_off_table_effect_at_nothing_changes_nothing(name: str, robot: Robot) -> None:
     if name == "backlash":
         pytest.skip("gears without play are still elastic")
     generator = Generator(robot, step_s=0.0005)
     jump = standing(robot, rows=60)
-    on, off = generator.motions([Rollout(jump, (families()[name](),)), Rollout(jump)])
+    on, off = generator.motions([Rollout(jump, (FAMILIES[name](),)), Rollout(jump)])
     assert np.abs(on.qpos - off.qpos).max() < 1e-12
 
 

@@ -104,7 +104,7 @@ def test_a_verdict_is_kept_by_the_code_it_is_made_with_and_no_more() -> None:
     assert views == {f"leapgap.reports.{name}" for name in ("diagnosis", "page", "report", "viewer", *figures)}
     assert hashed >= closure("leapgap.diagnosis.diagnose")
     used = {name for name in closure("stages.diagnose") if name.startswith("leapgap.")}
-    assert used - hashed <= closure("leapgap.reports.diagnosis_job") | {"leapgap.runtime.import_closure"}
+    assert used - hashed <= closure("leapgap.reports.kept") | {"leapgap.runtime.import_closure"}
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from leapgap.robot.model import Robot
 from leapgap.simulation.rollout import Rollout
 from leapgap.validation.case_draw import Case, Half, OwnNumbers, draw_ordinary_cases
 from leapgap.validation.generator import IMPLICIT, Generator, Nuisance
-from leapgap.validation.motions import known
+from leapgap.validation.motions import MOTIONS
 from leapgap.validation.withholding import ClassCases
 from stages.common import read_config
 from stages.compose import compose_conf
@@ -224,7 +224,7 @@ def test_a_swing_beyond_the_range_of_a_joint_is_refused(pendulum: Robot) -> None
         "kp": [10.0],
         "kd": [1.0],
     }
-    motion = known()["sines"](**numbers, frequencies_hz=[0.5], swing=[0.9], onset_s=0.1)
+    motion = MOTIONS["sines"](**numbers, frequencies_hz=[0.5], swing=[0.9], onset_s=0.1)
     with pytest.raises(InputError, match=r"found hinge from -0\.\d+ to 1\.\d+; expected within -1 and 1"):
         motion.draw(pendulum)
     with pytest.raises(InputError, match=r"motion\.kp: found 2 numbers; expected one number, or one for each of hinge"):

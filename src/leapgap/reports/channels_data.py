@@ -38,18 +38,15 @@ def row_of(channel: str, robot: Robot) -> str:
     A joint channel is named by the pair of its leg, its joint group and its quantity. Where the legs are not two pairs,
     the name of the limb stands in place of the pair.
     """
-    if channel in LABELS:
-        return LABELS[channel]
     quantity, _, joint = channel.partition("/")
-    what = JOINT_WORDS[quantity]
     if quantity == "foot_force":
-        return f"{joint} foot {what}"
+        return f"{joint} foot {JOINT_WORDS[quantity]}"
     group = next((name for name, alike in robot.topology.groups.items() if joint in alike), None)
     if group is None:
-        return f"{joint} {what}"
+        return channel_words(channel)
     limb = robot.limb_of(joint)
     pair = next((name for name, limbs in robot.limbs_of_pair.items() if limb in limbs), limb)
-    return f"{pair} {group} {what}"
+    return f"{pair} {group} {JOINT_WORDS[quantity]}"
 
 
 def channel_title(channel: str) -> str:
@@ -137,15 +134,12 @@ def curves(log: Log, replays: Sequence[Log], channels: Sequence[str], interval_s
 
 
 def together(sources: Sequence[np.ndarray]) -> list[list[float | None]]:
-    """Values of a log and of its replays, with as many digits as their differences need."""
+    """Values of a log and of its replays, with ``DIGITS`` digits of their differences; None where a replay diverged."""
     measured, *replays = sources
     differences = np.abs(np.concatenate([replay - measured for replay in replays]))
-    largest = differences[np.isfinite(differences)].max(initial=0.0)
-    return [rounded(values, float(largest)) for values in sources]
-
-
-def rounded(values: np.ndarray, largest: float) -> list[float | None]:
-    """Values with ``DIGITS`` digits of a largest difference; None where a replay diverged."""
-    size = largest or float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
-    digits = DIGITS - 1 - int(np.floor(np.log10(size))) if size > 0 else 0
-    return [float(v) if np.isfinite(v) else None for v in np.round(values, max(digits, 0))]
+    largest, found = float(differences[np.isfinite(differences)].max(initial=0.0)), []
+    for values in sources:
+        size = largest or float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+        digits = DIGITS - 1 - int(np.floor(np.log10(size))) if size > 0 else 0
+        found.append([float(v) if np.isfinite(v) else None for v in np.round(values, max(digits, 0))])
+    return found

@@ -34,32 +34,21 @@ if TYPE_CHECKING:  # a diagnosis is made without its page, so that a change of t
     from leapgap.reports.viewer import EmbeddedViewer
 
 LIGHT, EMBEDDED = "light", "embedded"
-VIEWERS = (LIGHT, EMBEDDED)
-"""What shows the robot on the page: plots and text alone, or the Rerun viewer inside."""
+VIEWERS = (LIGHT, EMBEDDED)  # what shows the robot on the page: plots and text alone, or the Rerun viewer inside
 REPORT, PAGE, CORRECTED, BEST, RECORDING = "report.json", "report.html", "corrected", "best", "diagnosis.rrd"
 """What ``Report.save`` writes into a folder."""
-SAVED_BY = "leapgap diagnose"
-"""What the marker of a saved report says that wrote it."""
+SAVED_BY = "leapgap diagnose"  # what the marker of a saved report says that wrote it
 CAUSES_PRINTED = 5
 PLACES_PRINTED = 4
-
-
-def check_viewer(name: str) -> None:
-    """Raise ``InputError`` for a viewer that is none."""
-    if name not in VIEWERS:
-        raise InputError("viewer", name, f"one of {', '.join(VIEWERS)}", "choose one of them")
 
 
 @dataclass(frozen=True)
 class PageSettings:
     """Section ``report`` of the configuration."""
 
-    viewer: str = LIGHT
-    """``light`` or ``embedded``, for the Rerun viewer inside the page."""
-    recordings: bool = True
-    """Whether to write ``diagnosis.rrd``."""
-    diagnosis: str = "data/diagnoses/damped"
-    """Folder of a diagnosis that was kept as data (``kept.keep``)."""
+    viewer: str = LIGHT  # ``light`` or ``embedded``, for the Rerun viewer inside the page
+    recordings: bool = True  # whether to write ``diagnosis.rrd``
+    diagnosis: str = "data/diagnoses/damped"  # folder of a diagnosis that was kept as data (``kept.keep``)
     out: str | None = None
     replays: str | None = None
 
@@ -169,20 +158,19 @@ class Report:
         viewer inside the page.
         """
         with merged_folder(Path(folder), SAVED_BY, replaced=(CORRECTED, BEST)) as beside:
-            picture = robot_picture(self.robot, joints) if (joints := self.culprits) else None
-            self.write(beside, viewer, picture, self.loop())
+            self.write(beside, viewer, drawn=True)
             if self.record is not None:
                 self.record(self, beside / RECORDING)
         return Path(folder)
 
-    def write(self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None, loop: Loop | None = None) -> None:
+    def write(self, folder: Path, viewer: str = LIGHT, drawn: bool = False) -> None:
         """Write ``report.json``, ``report.html``, ``corrected/`` and ``best/`` into a folder.
 
         ``best/`` is left out where no best simulator was asked for, or where it equals ``corrected/``. ``viewer`` as of
-        ``save``; ``picture`` is a PNG of the robot for the page, ``loop`` one of its motion.
+        ``save``; ``drawn``: the page has pictures of the robot and of its motion, where the machine can draw.
         """
         self.write_data(folder)
-        self.write_page(folder, viewer, picture, loop)
+        self.write_page(folder, viewer, drawn)
 
     @one_blas_thread()
     def write_data(self, folder: Path) -> None:
@@ -195,14 +183,15 @@ class Report:
             write_corrected(folder / BEST, self.robot, self.best)
 
     @one_blas_thread()
-    def write_page(
-        self, folder: Path, viewer: str = LIGHT, picture: bytes | None = None, loop: Loop | None = None
-    ) -> None:
-        """Write the page into a folder that has the data."""
+    def write_page(self, folder: Path, viewer: str = LIGHT, drawn: bool = False) -> None:
+        """Write the page into a folder that has the data; arguments as of ``write``."""
         from leapgap.reports.report import html
 
-        check_viewer(viewer)
+        if viewer not in VIEWERS:
+            raise InputError("viewer", viewer, f"one of {', '.join(VIEWERS)}", "choose one of them")
         inside = self.embedded() if viewer == EMBEDDED else None
+        picture = robot_picture(self.robot, self.culprits) if drawn and self.culprits else None
+        loop = self.loop() if drawn else None
         replays, replayable = (self.nominal, self.corrected), (folder / CORRECTED / NOMINAL).is_file()
         page = html(self.content, self.logs, self.robot, *replays, inside, replayable, picture, loop, self.correction)
         write_text(folder / PAGE, page)
@@ -259,12 +248,10 @@ class ChosenLogs:
     """The logs that are diagnosed, and what the report says of the others."""
 
     logs: tuple[Log, ...]
-    set_aside: Mapping[str, str]
-    """Name → reason of each log that could not be used, or departs from the others."""
+    set_aside: Mapping[str, str]  # name → reason of each log that could not be used, or departs from the others
     left_out: tuple[str, ...]
     """A sentence on stretches or logs that are left out since there are more than a diagnosis can use."""
-    notes: tuple[str, ...]
-    """What is unusual in the logs."""
+    notes: tuple[str, ...]  # what is unusual in the logs
 
     @staticmethod
     def of(readings: Readings, progress: Callable[[str], None] = lambda _: None) -> "ChosenLogs":
@@ -286,14 +273,12 @@ def diagnose_logs(
     logs: Sequence[Log],
     robot: Robot,
     settings: Settings,
-    own: Sequence[type[Effect]] = (),
-    provenance: Provenance | None = None,
     progress: Callable[[str], None] = lambda _: None,
     threads: int | None = None,
 ) -> Report:
     """Diagnose logs against a robot and replay them; arguments as of ``diagnosis.diagnose``."""
     chosen = ChosenLogs.of(Readings(tuple(logs)), progress)
-    return diagnose_chosen(chosen, robot, settings, own, provenance, progress, threads)
+    return diagnose_chosen(chosen, robot, settings, progress=progress, threads=threads)
 
 
 @one_blas_thread()
@@ -317,10 +302,8 @@ def diagnose_chosen(
     aside = chosen.set_aside
     diagnosis = diagnose(chosen.logs, robot, settings, provenance, progress, threads, own, descriptions, aside)
     said = (*chosen.left_out, *diagnosis.report.not_judged)
-    notes = (*of_robot, *chosen.notes)
-    diagnosis = replace(
-        diagnosis, report=replace(diagnosis.report, not_judged=said, notes=(*notes, *diagnosis.report.notes))
-    )
+    notes = (*of_robot, *chosen.notes, *diagnosis.report.notes)
+    diagnosis = replace(diagnosis, report=replace(diagnosis.report, not_judged=said, notes=notes))
     replayer = Replayer(robot, sensors=diagnosis.sensors)
 
     def replays(motions: Mapping[str, Motion]) -> dict[str, Log]:

@@ -28,10 +28,8 @@ from leapgap.simulation.rollout import Rollout
 class Similarity:
     """Correlations of the changes by effects."""
 
-    names: tuple[str, ...]
-    """Effects with their places, such as ``viscous friction (elbow)``."""
-    correlation: np.ndarray
-    """Between −1 and 1, (effects, effects)."""
+    names: tuple[str, ...]  # effects with their places, such as ``viscous friction (elbow)``
+    correlation: np.ndarray  # between −1 and 1, (effects, effects)
 
 
 def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Figure:
@@ -157,10 +155,8 @@ def gap_per_log(report: ReportContent) -> go.Figure:
     return figure
 
 
-INTERVAL_S = 0.05
-"""Length of the replays, s: long beside the noise of sensors, short beside a motion."""
-NO_RESPONSE = 0.01
-"""Share of the usual response, squared, below which no torque is told: the motor gives all it can."""
+INTERVAL_S = 0.05  # length of the replays, s: long beside the noise of sensors, short beside a motion
+NO_RESPONSE = 0.01  # share of the usual response, squared, below which no torque is told: the motor gives all it can
 MOST_JOINTS, MOST_BY_STATE = 6, 2
 
 
@@ -168,14 +164,11 @@ MOST_JOINTS, MOST_BY_STATE = 6, 2
 class ForceCourse:
     """What lacks in each replay, on average over it."""
 
-    time: np.ndarray
-    """Middle of each replay, (replays,), s."""
-    force: np.ndarray
-    """Nominal, then corrected, (simulations, replays, joints), N·m or N."""
-    position: np.ndarray
+    time: np.ndarray  # middle of each replay, (replays,), s
+    force: np.ndarray  # nominal, then corrected, (simulations, replays, joints), N·m or N
+    position: np.ndarray  # of the joints, on average over each replay, (replays, joints), as the next two
     velocity: np.ndarray
     acceleration: np.ndarray
-    """Of the joints, on average over each replay, (replays, joints)."""
 
 
 def residual_force(log: Log, robot: Robot, corrections: Sequence[tuple[Effect, ...]]) -> ForceCourse | None:

@@ -111,11 +111,6 @@ def base_plots(actors: Sequence[ShownRobot]) -> rrb.Container:
     return rrb.Tabs(*pages, active_tab=0)
 
 
-def legs(actor: ShownRobot) -> tuple[str, ...]:
-    """Legs of the robot in the order of their joints."""
-    return tuple(dict.fromkeys(actor.robot.limb_of(joint) for joint in actor.robot.joints))
-
-
 def leg(actor: ShownRobot, name: str, residual: bool = False) -> rrb.Container:
     """Position, velocity and torque of a leg's joints, a column each; with ghosts, what their positions differ by."""
     joints = [joint for joint in actor.robot.joints if actor.robot.limb_of(joint) == name]
@@ -155,7 +150,8 @@ def record_jump(
     # Scene on the left, base and residuals on the right, phases below; joints, forces and notes in tabs
     main = actors[0]
     tabs: list[rrb.Container | rrb.View] = [overview(actors, base_plots(actors), len(substitutes))]
-    tabs.append(rrb.Tabs(*[leg(main, name, len(actors) > 1) for name in legs(main)], name="Joints"))
+    legs = dict.fromkeys(map(main.robot.limb_of, main.robot.joints))
+    tabs.append(rrb.Tabs(*[leg(main, name, len(actors) > 1) for name in legs], name="Joints"))
     forces = []
     if any(main.jump.has_pair_force(source) for source in FORCE_COLOURS):
         for axis in PAIR_FORCE_AXES:

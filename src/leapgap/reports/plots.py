@@ -1,6 +1,6 @@
 """Curves over time: the base, joints, torques and forces of the pairs; phases, contacts and events."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -44,24 +44,26 @@ class Component:
     """One component of the base's planar motion, in the world frame."""
 
     key: str
-    name: str
     unit: str
     needs: str  # column that a log must have for it
-    of: Callable[[Log], np.ndarray]
 
     @property
     def label(self) -> str:
         """Title of an axis: the name and, in brackets, the unit."""
-        return f"{self.name} [{self.unit}]"
+        return f"{self.key.replace('_', ' ')} [{self.unit}]"
+
+    def of(self, jump: Log) -> np.ndarray:
+        """Its values in a log, (rows,)."""
+        return jump.pitch if self.key == "pitch" else jump[self.needs]
 
 
 COMPONENTS = (
-    Component("x", "x", "m", "base_pos_x", lambda jump: jump["base_pos_x"]),
-    Component("z", "z", "m", "base_pos_z", lambda jump: jump["base_pos_z"]),
-    Component("pitch", "pitch", "rad", "base_quat_w", lambda jump: jump.pitch),
-    Component("vx", "vx", "m/s", "base_linvel_x", lambda jump: jump["base_linvel_x"]),
-    Component("vz", "vz", "m/s", "base_linvel_z", lambda jump: jump["base_linvel_z"]),
-    Component("pitch_rate", "pitch rate", "rad/s", "base_angvel_y", lambda jump: jump["base_angvel_y"]),
+    Component("x", "m", "base_pos_x"),
+    Component("z", "m", "base_pos_z"),
+    Component("pitch", "rad", "base_quat_w"),
+    Component("vx", "m/s", "base_linvel_x"),
+    Component("vz", "m/s", "base_linvel_z"),
+    Component("pitch_rate", "rad/s", "base_angvel_y"),
 )
 
 
@@ -104,11 +106,13 @@ def log_base(to: Recorder, actors: Sequence[ShownRobot]) -> None:
         curves = [Curve(a.label, a.colour, on_clock(time, a.jump, part.of(a.jump))) for a in has]
         log_plot(to, f"base/{part.key}", time, curves)
         if main in has:
-            residuals = [
-                Curve(f"{ghost.name} − {main.label}", ghost.colour, ghost.values - curves[0].values)
-                for ghost in curves[1:]
-            ]
-            log_plot(to, f"residual/{part.key}", time, residuals)
+            log_plot(to, f"residual/{part.key}", time, residuals(curves))
+
+
+def residuals(curves: Sequence[Curve]) -> list[Curve]:
+    """How far each ghost is from the main robot, whose curve is the first."""
+    main, *ghosts = curves
+    return [Curve(f"{one.name} − {main.name}", one.colour, one.values - main.values) for one in ghosts]
 
 
 def log_joints(to: Recorder, actors: Sequence[ShownRobot]) -> None:
@@ -121,10 +125,11 @@ def log_joints(to: Recorder, actors: Sequence[ShownRobot]) -> None:
         for quantity, command in (("joint_pos", "cmd_pos"), ("joint_vel", "cmd_vel")):
             name, commanded = f"{quantity}/{joint}", f"{command}/{joint}"
             curves = [Curve(a.label, a.colour, on_clock(time, a.jump, a.jump[name])) for a in actors if name in a.jump]
+            if quantity == "joint_pos" and name in main.jump:
+                log_plot(to, f"{entity}/residual", time, residuals(curves))
             if commanded in main.jump:
                 curves.append(Curve("command", COMMAND_COLOUR, main.jump[commanded][rows]))
             log_plot(to, f"{entity}/{quantity}", time, curves)
-        log_joint_residual(to, entity, joint, actors, time)
         curves = []
         # Feed-forward and joint PD of the log, N·m, (rows,); None where the joint was not measured
         known = all(f"{name}/{joint}" in main.jump for name in ("cmd_tau", "joint_pos", "joint_vel"))
@@ -139,20 +144,6 @@ def log_joints(to: Recorder, actors: Sequence[ShownRobot]) -> None:
                 curves.append(Curve("upper limit of the motor", LIMIT_COLOUR, high[rows]))
                 curves.append(Curve("lower limit of the motor", LIMIT_COLOUR, low[rows]))
         log_plot(to, f"{entity}/torque", time, curves)
-
-
-def log_joint_residual(to: Recorder, entity: str, joint: str, actors: Sequence[ShownRobot], time_s: np.ndarray) -> None:
-    """Log how far each ghost's joint position is from that of the main robot, rad."""
-    main, name = actors[0], f"joint_pos/{joint}"
-    if name not in main.jump:
-        return
-    measured = on_clock(time_s, main.jump, main.jump[name])
-    curves = [
-        Curve(f"{ghost.label} − {main.label}", ghost.colour, on_clock(time_s, ghost.jump, ghost.jump[name]) - measured)
-        for ghost in actors[1:]
-        if name in ghost.jump
-    ]
-    log_plot(to, f"{entity}/residual", time_s, curves)
 
 
 def torque_bounds(jump: Log, joint: str, robot: Robot) -> tuple[np.ndarray, np.ndarray]:

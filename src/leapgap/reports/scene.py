@@ -86,18 +86,12 @@ def extent(actors: Sequence[ShownRobot]) -> np.ndarray:
     return np.stack([points.min(axis=0), points.max(axis=0)])
 
 
-def floor_height(actors: Sequence[ShownRobot]) -> float:
-    """Height of the floor, m: zero, or below a robot that is fixed higher than its bodies hang."""
-    if actors[0].robot.has_free_base:
-        return 0.0
-    lowest = float(extent(actors)[0, 2])
-    return 0.0 if lowest > -0.01 else lowest - BELOW_M
-
-
 def log_ground(to: Recorder, actors: Sequence[ShownRobot]) -> None:
     """Log a floor with a line every 10 cm, the terrain of the first log, and a bar at its target."""
-    jump, height = actors[0].jump, floor_height(actors)
-    (left, right), (far, near) = extent(actors)[:, 0], extent(actors)[:, 1]
+    jump = actors[0].jump
+    (left, right), (far, near), (lowest, _) = extent(actors).T
+    # Height of the floor, m: zero, or below a robot that is fixed higher than its bodies hang
+    height = 0.0 if actors[0].robot.has_free_base or lowest > -0.01 else float(lowest) - BELOW_M
     target_at = target_place(actors[0])
     low = np.floor(10 * np.array([left - FLOOR_MARGIN_M, far - 0.25])) / 10
     high = np.ceil(10 * np.array([right + FLOOR_MARGIN_M, near + 0.25])) / 10

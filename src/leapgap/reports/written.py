@@ -89,12 +89,8 @@ def effect_rows(robot: Robot | None) -> list[tuple[str, ...]]:
         missing = None if robot is None else kind.lacks(robot)
         places = {"none": "the robot"}.get(kind.places, kind.places)
         what = effects.describe(kind) + when_looked_for(kind)
-        if robot is not None and missing is None:
-            of_robot = {
-                p.name: (f"{p.nominal:g}", f"{p.lower + 0.0:.3g} to {p.upper:.3g}") for p in kind.parameters(robot)
-            }
-        else:
-            of_robot = {}
+        own = kind.parameters(robot) if robot is not None and missing is None else ()
+        of_robot = {p.name: (f"{p.nominal:g}", f"{p.lower + 0.0:.3g} to {p.upper:.3g}") for p in own}
         for name, about in kind.declarations().items():
             nominal = "the model's own" if about.nominal is None else f"{about.nominal:g}"
             default = (nominal, f"needs {missing}" if missing else "see: leapgap effects ROBOT")

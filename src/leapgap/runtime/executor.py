@@ -115,7 +115,9 @@ class Executor:
                 results = parallel(joblib.delayed(function)(item) for item in items)
             yield from results
         elif self.kind == "ray":
-            yield from self._by_ray(function, items)
+            ray = self._ray()
+            remote = ray.remote(num_cpus=1)(_apply)  # Ray takes functions alone, and a case may be a partial one
+            yield from map(ray.get, [remote.remote(function, item) for item in items])
         else:
             raise self._unknown
 
@@ -164,11 +166,6 @@ class Executor:
         remote = ray.remote(num_cpus=1)(_apply_pickled)
         cores = int(ray.cluster_resources()["CPU"])
         return lambda function, item: ray.get(remote.remote(snapshot((function, item), Pickler))), cores
-
-    def _by_ray(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-        ray = self._ray()
-        remote = ray.remote(num_cpus=1)(_apply)  # Ray takes functions alone, and a case may be a partial one
-        yield from (ray.get(handle) for handle in [remote.remote(function, item) for item in items])
 
     def _ray(self) -> Any:
         """The package, connected to the cluster."""

@@ -9,6 +9,7 @@ import textwrap
 import types
 import typing
 from collections.abc import Mapping
+from enum import Enum
 from typing import Any, TypeVar
 
 import yaml
@@ -84,8 +85,11 @@ Kind = TypeVar("Kind")
 LARGEST_SHOWN, LONGEST_SHOWN = 10**15, 200  # a whole number, and characters of a value, that a message shows
 
 
-def from_mapping(kind: type[Kind], values: Any, where: str) -> Kind:
-    """A dataclass from a mapping; an unknown key or a value of another type is an ``InputError`` with its place."""
+def from_mapping(kind: type[Kind], values: Any, where: str, joint: str = ", ", default: Kind | None = None) -> Kind:
+    """A dataclass from a mapping; an unknown key or a value of another type is an ``InputError`` with its place.
+
+    What the mapping leaves out is that of ``default``, else of the class. ``joint`` stands between ``where`` and a key.
+    """
     fields = {field.name for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
     if not isinstance(values, Mapping):
         raise InputError(where, repr(values), f"an object with keys among {', '.join(sorted(fields))}", "correct it")
@@ -94,19 +98,23 @@ def from_mapping(kind: type[Kind], values: Any, where: str) -> Kind:
         nearest = [question for name in unknown if (question := did_you_mean(str(name), fields))]
         expected, do = f"keys among {', '.join(sorted(fields))}", " ".join(nearest) or "correct them"
         raise InputError(where, f"the keys {', '.join(map(str, unknown))}", expected, do)
-    missing = [
-        field.name
-        for field in dataclasses.fields(kind)  # type: ignore[arg-type]
-        if field.default is field.default_factory is dataclasses.MISSING and field.name not in values
-    ]
-    if missing:
+    defaults = {field.name: default_of(field) for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    missing = [name for name, own in defaults.items() if own is dataclasses.MISSING and name not in values]
+    if missing and default is None:
         raise InputError(where, f"no {', '.join(missing)}", "every key that has no value of its own", "state it")
-    types_of = typing.get_type_hints(kind)
-    return kind(**{name: converted(types_of[name], value, f"{where}, {name}") for name, value in values.items()})
+    types_of, found = typing.get_type_hints(kind), {}
+    for name, value in values.items():
+        found[name] = converted(types_of[name], value, f"{where}{joint}{name}", defaults[name])
+    return kind(**found) if default is None else dataclasses.replace(default, **found)  # type: ignore[type-var]
 
 
-def converted(kind: Any, value: Any, where: str) -> Any:
-    """A value as its field's type wants it."""
+def default_of(field: dataclasses.Field) -> Any:
+    """The value that a field has where none is stated; ``MISSING`` where it has none."""
+    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+
+
+def converted(kind: Any, value: Any, where: str, default: Any = None) -> Any:
+    """A value as its field's type wants it; ``default`` is that of the field."""
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if kind is Any:
         return value
@@ -114,21 +122,28 @@ def converted(kind: Any, value: Any, where: str) -> Any:
         if value is None and type(None) in inner:
             return None
         (kind,) = [one for one in inner if one is not type(None)][:1]
-        return converted(kind, value, where)
+        return converted(kind, value, where, default)
     if dataclasses.is_dataclass(kind):
-        return from_mapping(kind, value, where)  # type: ignore[arg-type]
+        return from_mapping(kind, value, where, ".", default if isinstance(default, kind) else None)  # type: ignore[arg-type]
     if origin in (dict, Mapping) or kind is dict or (isinstance(origin, type) and issubclass(origin, Mapping)):
         if isinstance(value, Mapping):
             of = inner[1] if inner else Any
-            return {str(key): converted(of, one, f"{where}, {key}") for key, one in value.items()}
+            return {str(key): converted(of, one, f"{where}.{key}") for key, one in value.items()}
     elif origin in (list, tuple) or (isinstance(origin, type) and issubclass(origin, typing.Sequence)):
         if isinstance(value, list):
-            items = [converted(inner[0], one, f"{where}, item {i}") for i, one in enumerate(value)]
+            items = [converted(inner[0], one, f"{where}[{i}]") for i, one in enumerate(value)]
             return tuple(items) if origin is tuple else items
     elif kind is float and isinstance(value, int | float) and not isinstance(value, bool):
         with contextlib.suppress(OverflowError):
-            if not math.isnan(value):
-                return float(value)
+            if math.isnan(value):
+                raise InputError(where, "nan", "a number", "correct it")
+            return float(value)
+    elif kind is str and isinstance(value, int | float) and not isinstance(value, bool):
+        return str(value)
+    elif isinstance(kind, type) and issubclass(kind, Enum):
+        if value not in kind.__members__:
+            raise InputError(where, in_short(value), f"one of {', '.join(kind.__members__)}", "choose one")
+        return kind[value]
     elif isinstance(value, kind) and not (kind is int and isinstance(value, bool)):
         return value
     raise InputError(where, in_short(value), f"a value of type {getattr(kind, '__name__', kind)}", "correct it")

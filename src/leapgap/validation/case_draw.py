@@ -13,7 +13,7 @@ from leapgap.errors import InputError
 from leapgap.robot.model import Robot
 from leapgap.validation.generator import OTHERS, USUAL, Physics
 from leapgap.validation.off_table import family
-from leapgap.validation.uneven_rows import ClockFamily
+from leapgap.validation.uneven_rows import ClockFamily, limbs_of
 
 GRAVITY = 9.81
 
@@ -164,9 +164,7 @@ def draw_ordinary_cases(
     cases = []
     for name, half in sorted(halves.items()):
         rng = np.random.default_rng(half.seed)
-        sampler = EffectSampler(sizes, signed, robot, rng)
-        if own is not None:
-            sampler = ShareSampler(sizes, signed, robot, rng, own)
+        sampler = EffectSampler(sizes, signed, robot, rng, own)
         existing = {effect for effect, kind in effects.known().items() if usable(kind, robot)}
         known = [str(n) for n in rng.permutation(sorted(existing & set(sizes)))]
         drawn: list[tuple[str, tuple[Effect, ...]]] = []
@@ -236,16 +234,23 @@ def steady_effects(sampler: "EffectSampler") -> list[str]:
 
 @dataclass(frozen=True)
 class EffectSampler:
-    """Draws effects of random size at random locations; ``signed`` effects depart to either side of nominal."""
+    """Draws effects of random size at random locations; ``signed`` effects depart to either side of nominal.
+
+    With ``own``, ``sizes`` are shares of these numbers of the robot, and locations are places that its tree has.
+    """
 
     sizes: Sizes
     signed: Sequence[str]
     robot: Robot
     rng: np.random.Generator
+    own: OwnNumbers | None = None
 
     def unit(self, parameter: Parameter, kind: type[Effect], location: str) -> float:
         """What one of ``sizes`` is, in the unit of the parameter."""
-        return 1.0
+        if self.own is None:
+            return 1.0
+        joints = self.robot.joints_at(location if kind.places == "joints" else "all")
+        return self.own.unit(parameter, joints)
 
     def sample(self, name: str, least_share: float = 0.0) -> Effect:
         """Draw one effect at a random location.
@@ -290,27 +295,12 @@ class EffectSampler:
 
     def sample_location(self, kind: type[Effect]) -> str:
         """Draw a location: everywhere in half the cases, else a pair, a joint group, a leg, a single joint or foot."""
+        if self.own is not None:
+            others = [place for place in places(kind, self.robot) if place != "all"]
+            return "all" if not others or self.rng.random() < 0.5 else str(self.rng.choice(others))
         if kind.places == "none" or self.rng.random() < 0.5:
             return "all"
-        legs = tuple(dict.fromkeys(self.robot.limb_of(joint) for joint in self.robot.joints))
-        kinds = [("front", "rear"), self.robot.joint_groups, legs, self.robot.joints]
+        kinds = [("front", "rear"), self.robot.joint_groups, limbs_of(self.robot), self.robot.joints]
         if kind.places == "feet":
             kinds = [("front", "rear"), self.robot.feet]
         return str(self.rng.choice(kinds[self.rng.integers(len(kinds))]))
-
-
-@dataclass(frozen=True)
-class ShareSampler(EffectSampler):
-    """Draws effects whose ``sizes`` are shares of a robot's own numbers, at places that its tree of bodies has."""
-
-    own: OwnNumbers
-
-    def unit(self, parameter: Parameter, kind: type[Effect], location: str) -> float:
-        """The robot's own number of this unit at a place."""
-        joints = self.robot.joints_at(location if kind.places == "joints" else "all")
-        return self.own.unit(parameter, joints)
-
-    def sample_location(self, kind: type[Effect]) -> str:
-        """Draw a location: everywhere in half the cases, else any other place at which the effect can act."""
-        others = [place for place in places(kind, self.robot) if place != "all"]
-        return "all" if not others or self.rng.random() < 0.5 else str(self.rng.choice(others))

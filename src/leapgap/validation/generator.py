@@ -30,7 +30,7 @@ from leapgap.simulation.open_loop import (
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 from leapgap.simulation.sensors import NoiseRows, SensorNoise
-from leapgap.validation.off_table.base import OffTableEffect, Process
+from leapgap.validation.off_table import OffTableEffect, Process
 from leapgap.validation.uneven_rows import ClockFamily, UnevenRows, limbs_of, uneven_rows, written_log
 
 

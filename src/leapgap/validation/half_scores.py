@@ -1,25 +1,30 @@
-"""Truths of a benchmark opened, and the scores of each half, as metrics."""
+"""Truths of a benchmark opened, closures measured on the jumps kept with them, and the scores of each half."""
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from leapgap.diagnosis.checks.clocks import JointClock
+from leapgap.diagnosis.gap import candidate_squares, headline_gap, noise_floor
+from leapgap.diagnosis.judged_logs import JudgedLogs
+from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.logs.log import read_logs
+from leapgap.logs.log import Log, read_logs
 from leapgap.robot.mjcf import own_model
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import read_json
 from leapgap.simulation.corrected import read_corrected
+from leapgap.simulation.replay import Replayer
 from leapgap.validation import scoring
 from leapgap.validation.outcome import CaseOutcome, outcome
-from leapgap.validation.realised_reduction import realised_closure
 from leapgap.validation.seal import SEALS, open_truth
 
 REPORTED, TUNING = "reported", "tuning"
+NOISE_DRAWS = 3
 
 
 @dataclass(frozen=True)
@@ -60,23 +65,64 @@ def open_outcomes(settings: ScoreSettings, robot: Robot) -> list[CaseOutcome]:
         raise InputError(settings.verdicts, "no report of a withheld case", "<case>/report.json", "diagnose them first")
     for name in sorted(set(cases) - set(diagnosed)):
         print(f"{name}: not diagnosed, not scored")
-    return [open_outcome(name, settings, robot) for name in diagnosed]
+    folders = Path(settings.logs), Path(settings.truth), Path(settings.verdicts)
+    return [open_outcome(name, *folders, robot, settings.seed) for name in diagnosed]
 
 
-def open_outcome(name: str, settings: ScoreSettings, robot: Robot) -> CaseOutcome:
+def open_outcome(name: str, logs: Path, truths: Path, verdicts: Path, robot: Robot, seed: int) -> CaseOutcome:
     """Outcome of one case: its seal is checked, and the realised closure measured on the jumps kept with the truth."""
-    truth = open_truth(Path(settings.truth), Path(settings.logs), name)
-    if own := own_model(Path(settings.logs) / name):
+    truth, verdict = open_truth(truths, logs, name), verdicts / name
+    if own := own_model(logs / name):
         robot = Robot.load(own)
-    verdict = Path(settings.verdicts) / name
     report = read_json(verdict / "report.json")
     check_judged_logs(name, truth, report)
     realised = None
     if report["closure_of_answer"] and truth["proof"]:
         _, correction = read_corrected(verdict / "corrected")
-        proof = read_logs(Path(settings.truth) / name)
-        realised = realised_closure(proof, robot, correction, report, settings.seed)
+        realised = realised_closure(read_logs(truths / name), robot, correction, report, seed)
     return outcome(name, truth, report, realised, robot.topology.sides)
+
+
+def realised_closure(
+    proof: Sequence[Log], robot: Robot, correction: Sequence[Effect], report: Mapping[str, Any], seed: int
+) -> float:
+    """(nominal − corrected) / (nominal − noise floor) of the headline gap on the proof jumps.
+
+    The value of an effect that differs from log to log comes from the clock of the joints on each proof jump, as in the
+    report.
+    """
+    judged = JudgedLogs.of(proof, robot)
+    replayer = Replayer(robot, terrain_slots=max(1, *(len(jump.info.terrain) for jump in proof)), threads=1)
+    corrected = [
+        tuple(effect_on_log(effect, jump, judged, robot, report) for effect in correction) for jump in judged.logs
+    ]
+    nominal, after = candidate_squares(judged, replayer, [[()] * len(proof), corrected])
+    floor = noise_floor(judged, replayer, NOISE_DRAWS, np.random.default_rng(seed))
+    before, left, least = (headline_gap(s, judged) for s in (nominal, after, floor))
+    return float((before - left) / max(before - least, 1e-12))
+
+
+def effect_on_log(effect: Effect, jump: Log, judged: JudgedLogs, robot: Robot, report: Mapping[str, Any]) -> Effect:
+    """The effect on a jump that was not fitted; where it differs by log, it is scaled by the clock of that jump.
+
+    The effect is returned unchanged where the report holds no values by log.
+    """
+    if not effect.differs_per_log:
+        return effect
+    cause = next((c for c in report["causes"] if c["effect"] == effect.called(robot)), None)
+    clocks = next((c["per_log"] for c in report["checks"] if c["name"] == JointClock.name and c.get("per_log")), None)
+    check = JointClock().run([jump], robot, threshold=0.0)
+    if not (cause and cause.get("per_log") and clocks and check):
+        return effect
+    parameter = effect.parameters(robot, effect.location)[0]
+    name = parameter.name
+    shares = [
+        (cause["per_log"][log][name] - 1) / (clocks[log] - 1) for log in cause["per_log"] if clocks.get(log, 1) != 1
+    ]
+    (clock,) = check.per_log.values()
+    value = float(np.clip(1 + np.median(shares) * (clock - 1), parameter.lower, parameter.upper))
+    changed: dict[str, Any] = {name: value}
+    return replace(effect, **changed)
 
 
 def score_half(

@@ -309,17 +309,11 @@ def compare(
     index = [e["name"] for e in truth["effects"]].index(effect["name"])
     logs = [of_log for name, of_log in truth["per_log"].items() if f"{name}.parquet" in truth["logs"]]
     for name, about in known.items():
-        if name not in effect["parameters"]:  # the truth has another number of it
+        causes = (c["parameters"] for c in report["causes"] if effects.first_name(c["effect"]) == effect["name"])
+        estimate = next((parameters[name] for parameters in causes if name in parameters), None)
+        if estimate is None or name not in effect["parameters"]:  # or the truth has another number of it
             continue
-        for cause in report["causes"]:
-            if effects.first_name(cause["effect"]) == effect["name"] and name in cause["parameters"]:
-                estimate = cause["parameters"][name]
-                true = float(np.median([of_log[index][name] for of_log in logs]))
-                low, high = estimate["ci95"]
-                comparisons.append(
-                    ParameterComparison(
-                        effect["name"], name, about.unit, estimate["nominal"], true, estimate["value"], low, high
-                    )
-                )
-                break
+        true = float(np.median([of_log[index][name] for of_log in logs]))
+        numbers = estimate["nominal"], true, estimate["value"], *estimate["ci95"]
+        comparisons.append(ParameterComparison(effect["name"], name, about.unit, *numbers))
     return comparisons

@@ -15,7 +15,7 @@ from leapgap.logs.log import Log
 from leapgap.logs.metadata import Segment
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
-from leapgap.validation.off_table.base import OffTableEffect
+from leapgap.validation.off_table import OffTableEffect
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Withheld cases written: logs for the diagnosis, truths for the score, and the seals of these beside the logs."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,24 +11,10 @@ from leapgap.robot.mjcf import OWN_MODEL, self_contained
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import sha256, write_json, write_text
 from leapgap.runtime.executor import Executor
-from leapgap.simulation.open_loop import Course
 from leapgap.validation.case import CaseSetup, published_case, withhold, write_case
-from leapgap.validation.case_draw import Case, Half, OwnNumbers, Sizes, draw_ordinary_cases
-from leapgap.validation.motions.base import PlannedMotion
+from leapgap.validation.case_draw import Case
 from leapgap.validation.owners.cases import OwnersCase, write_owners_case
 from leapgap.validation.seal import PUBLISHED, SEALS, seal
-
-
-@dataclass(frozen=True)
-class RobotClass:
-    """Settings of one class: the robot, its motion, and how many cases there are."""
-
-    model: str  # model file, or a name in MuJoCo Menagerie
-    fix_base: bool | None  # true: a floating robot is held at the pose of its model file; null: as the file has it
-    motion: dict[str, Any]  # kind of a motion and its numbers
-    world: dict[str, Any]  # how its logs are generated, where that departs from the setup of the jumps
-    halves: dict[str, Any]
-    without: list[str]  # effects that are not drawn, since they change nothing of the robot's motion
 
 
 @dataclass(frozen=True)
@@ -39,26 +25,6 @@ class ClassCases:
     plans: Sequence[Log]
     setup: CaseSetup
     cases: Sequence[Case]
-
-
-def draw_class(
-    robot: Robot,
-    motion: PlannedMotion,
-    setup: CaseSetup,
-    halves: Mapping[str, Half],
-    shares: Sizes,
-    signed: Sequence[str],
-    without: Sequence[str] = (),
-) -> ClassCases:
-    """Draw the plans and cases of one class; ``shares`` are sizes of effects as shares of the robot's own numbers.
-
-    Effects of the table that ``without`` names are not drawn.
-    """
-    plans = motion.draw(robot)
-    own = OwnNumbers.of(robot, motion.start(robot), motion.sample_period_s)
-    setup = replace(setup, log="log", course=Course(setup.course.settle_s, after_landing_s=0.0))
-    chosen = {name: of_effect for name, of_effect in shares.items() if name not in without}
-    return ClassCases(robot, plans, setup, draw_ordinary_cases(halves, chosen, signed, robot, own))
 
 
 @dataclass(frozen=True)
