@@ -5,8 +5,19 @@ import numpy as np
 from leapgap.jumping.control.goal_shift_mpc import CalmMotion
 from leapgap.jumping.control.qp import Qp, QpSolution
 from leapgap.jumping.control.tracking import Reference
-from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
-from leapgap.jumping.models.rigid_body import PITCH, PITCH_RATE, VX, VZ, RigidBody, X, Z, advance
+from leapgap.jumping.models.rigid_body import (
+    PITCH,
+    PITCH_RATE,
+    VX,
+    VZ,
+    AffineModel,
+    PredictionModel,
+    RigidBody,
+    Situation,
+    X,
+    Z,
+    advance,
+)
 from leapgap.jumping.task import ContactSchedule
 from leapgap.simulation.controller import StateEstimate
 

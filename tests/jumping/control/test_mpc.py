@@ -17,8 +17,18 @@ from leapgap.jumping.control.qp import (
     solver,
 )
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
-from leapgap.jumping.models.rigid_body import PITCH, PITCH_RATE, VX, VZ, RigidBodyModel, X, Z
+from leapgap.jumping.models.rigid_body import (
+    PITCH,
+    PITCH_RATE,
+    VX,
+    VZ,
+    AffineModel,
+    PredictionModel,
+    RigidBodyModel,
+    Situation,
+    X,
+    Z,
+)
 from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z
 from tests.conftest import A1_BODY

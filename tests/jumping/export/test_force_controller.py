@@ -18,8 +18,7 @@ from leapgap.jumping.experiments.method import JumpTask
 from leapgap.jumping.experiments.trial import TrialSetup, attempt_task
 from leapgap.jumping.export.tables import force_tables_of
 from leapgap.jumping.export.write import write_controller
-from leapgap.jumping.models.affine_model import AffineModel
-from leapgap.jumping.models.rigid_body import DeviationModel, NominalDeviation, PlannedSteps
+from leapgap.jumping.models.rigid_body import AffineModel, DeviationModel, NominalDeviation, PlannedSteps
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate

@@ -10,8 +10,7 @@ from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig, Solved, microse
 from leapgap.jumping.control.qp import FAILED as REASON_FAILED
 from leapgap.jumping.control.qp import NOT_FINITE as REASON_NOT_FINITE
 from leapgap.jumping.control.tracking import Reference
-from leapgap.jumping.models.affine_model import PredictionModel
-from leapgap.jumping.models.rigid_body import DeviationModel
+from leapgap.jumping.models.rigid_body import DeviationModel, PredictionModel
 
 SOLVED, NOT_FINITE, INACCURATE, FAILED = 0, 1, 2, 3  # What ``solve_update`` returns
 VIOLATION_N = 1e-7  # Violation of a limit that counts as none, N

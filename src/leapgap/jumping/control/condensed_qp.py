@@ -16,8 +16,7 @@ import numpy as np
 
 from leapgap.jumping.control.qp import Qp
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.jumping.models.affine_model import AffineModel
-from leapgap.jumping.models.rigid_body import POSITION, VELOCITY, advance
+from leapgap.jumping.models.rigid_body import POSITION, VELOCITY, AffineModel, advance
 from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, FORCES, per_axis
 

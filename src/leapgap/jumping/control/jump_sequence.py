@@ -14,8 +14,7 @@ from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
 from leapgap.jumping.control.mpc import StateWeights
 from leapgap.jumping.control.qp import NOT_FINITE, Qp, QpConfig, SolutionRequirements, guarded_solve, solver
 from leapgap.jumping.control.tracking import JumpController
-from leapgap.jumping.models.affine_model import AffineModel, Situation
-from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, RigidBody, RigidBodyModel, X, Z
+from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, AffineModel, RigidBody, RigidBodyModel, Situation, X, Z
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, FORCES
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS

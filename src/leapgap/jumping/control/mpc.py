@@ -25,8 +25,16 @@ from leapgap.jumping.control.qp import (
 )
 from leapgap.jumping.control.tracking import JumpController, PhaseGains, Reference
 from leapgap.jumping.learning.windows import MOST_STEPS, TimeGrid
-from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
-from leapgap.jumping.models.rigid_body import CURVATURE, PITCH, DeviationModel, PlannedSteps, advance
+from leapgap.jumping.models.rigid_body import (
+    CURVATURE,
+    PITCH,
+    AffineModel,
+    DeviationModel,
+    PlannedSteps,
+    PredictionModel,
+    Situation,
+    advance,
+)
 from leapgap.logs.pair_force import FORCES, per_axis
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate

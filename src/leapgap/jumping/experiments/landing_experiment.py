@@ -14,8 +14,7 @@ from leapgap.errors import InputError, did_you_mean
 from leapgap.jumping.experiments import methods
 from leapgap.jumping.experiments.method import JumpTask, References, crouch
 from leapgap.jumping.experiments.methods.mpc import PractisedMpcSettings
-from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig, TrialRunner
-from leapgap.jumping.experiments.settings import LandSettings
+from leapgap.jumping.experiments.rig import Bench, LandSettings, MethodSettings, Rig, TrialRunner
 from leapgap.jumping.experiments.trial import TrialResult, TrialSetup, TrialSpec
 from leapgap.jumping.learning.model_files import write_csv, write_npz
 from leapgap.jumping.models.planar import planar_robot

@@ -9,8 +9,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.learning.windows import RolloutInputs, Windows
-from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
-from leapgap.jumping.models.rigid_body import GRAVITY, RigidBody, advance
+from leapgap.jumping.models.rigid_body import GRAVITY, AffineModel, PredictionModel, RigidBody, Situation, advance
 
 OUTPUTS = 15  # bias (3), by_force (3 × 4)
 PHASES = ("contact", "flight")

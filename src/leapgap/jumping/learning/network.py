@@ -10,7 +10,7 @@ import numpy as np
 from leapgap.jumping.learning.model import OUTPUTS, Nominal, Part, ResidualModel
 from leapgap.jumping.learning.model_files import arrays_below
 from leapgap.jumping.learning.windows import RolloutInputs, drop_forces
-from leapgap.jumping.models.affine_model import AffineModel, Situation, columns, selection
+from leapgap.jumping.models.rigid_body import AffineModel, Situation, columns, selection
 
 NETWORKS = ("contact/h", "contact/G", "flight/h")  # h1, G1 and h2 of the paper
 

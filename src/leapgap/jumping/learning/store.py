@@ -14,7 +14,7 @@ from leapgap.jumping.learning.model import Model, ResidualModel
 from leapgap.jumping.learning.model_files import check_finite, is_finite, read_model, write_npz
 from leapgap.jumping.learning.recipe import DeviationRecipe, ModelRecipe, ModelSettings
 from leapgap.jumping.learning.windows import Purpose, RolloutInputs
-from leapgap.jumping.models.affine_model import KNOWN
+from leapgap.jumping.models.rigid_body import KNOWN
 from leapgap.registry import classes_by_name
 from leapgap.runtime.atomic_io import whole_file, write_json
 

@@ -16,7 +16,7 @@ from leapgap.errors import InputError
 from leapgap.jumping.learning.model_files import check_finite, read_npz, write_npz
 from leapgap.jumping.learning.models.kernel import PHASES, KernelConfig, KernelModel, KernelPart, gauss, training_steps
 from leapgap.jumping.learning.windows import RolloutInputs, Windows
-from leapgap.jumping.models.affine_model import Situation, columns
+from leapgap.jumping.models.rigid_body import Situation, columns
 from leapgap.runtime.atomic_io import whole_file
 
 LEVELS = (0.5, 0.8, 0.95)  # Of the intervals whose width is fitted and whose coverage is checked

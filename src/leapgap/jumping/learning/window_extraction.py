@@ -14,8 +14,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.learning.windows import KINDS, TimeGrid, Windows, shapes_of
-from leapgap.jumping.models.affine_model import AffineModel
-from leapgap.jumping.models.rigid_body import CURVATURE, PlannedSteps, advance
+from leapgap.jumping.models.rigid_body import CURVATURE, AffineModel, PlannedSteps, advance
 from leapgap.jumping.task import begin_of, schedule_of, target_of
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import per_axis, per_pair

@@ -13,7 +13,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.learning.model_files import check_finite, read_npz, write_npz
-from leapgap.jumping.models.affine_model import Situation
+from leapgap.jumping.models.rigid_body import Situation
 from leapgap.jumping.task import ContactSchedule
 from leapgap.runtime.atomic_io import read_json, write_json
 

@@ -19,8 +19,16 @@ from leapgap.jumping.experiments.goal_directed_jump import (
     LandingSamples,
 )
 from leapgap.jumping.experiments.method import AimingMethod, JumpTask, Method, MpcMethod, References, goal_choice
-from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig
-from leapgap.jumping.experiments.settings import GoalOffsets, LandSettings, LearnedMpcConfig, PlanSource, PracticeRounds
+from leapgap.jumping.experiments.rig import (
+    Bench,
+    GoalOffsets,
+    LandSettings,
+    LearnedMpcConfig,
+    MethodSettings,
+    PlanSource,
+    PracticeRounds,
+    Rig,
+)
 from leapgap.jumping.experiments.training_jumps import DATA_SHEET, run_practice
 from leapgap.jumping.experiments.trial import TrialSpec
 from leapgap.jumping.learning.models.kernel import DeviationKernelConfig

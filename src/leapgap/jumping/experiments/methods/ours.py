@@ -10,8 +10,7 @@ from leapgap.effects import to_config
 from leapgap.errors import InputError
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner, LandingModel
 from leapgap.jumping.experiments.method import AimingMethod, JumpTask, Method
-from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig
-from leapgap.jumping.experiments.settings import AdaptConfig
+from leapgap.jumping.experiments.rig import AdaptConfig, Bench, MethodSettings, Rig
 from leapgap.jumping.experiments.training_jumps import run_practice
 from leapgap.jumping.models.planar import planar_robot
 

@@ -20,8 +20,16 @@ from leapgap.jumping.learning.recipe import (
 )
 from leapgap.jumping.learning.window_extraction import BALLISTIC_S, DeviatingJump
 from leapgap.jumping.learning.windows import RolloutInputs, Transitions, Windows, drop_forces, extract_transitions
-from leapgap.jumping.models.affine_model import AffineModel, Situation, check_names, columns, selection
-from leapgap.jumping.models.rigid_body import DeviationModel, PlannedSteps, RigidBody
+from leapgap.jumping.models.rigid_body import (
+    AffineModel,
+    DeviationModel,
+    PlannedSteps,
+    RigidBody,
+    Situation,
+    check_names,
+    columns,
+    selection,
+)
 from leapgap.logs.pair_force import FORCES, per_axis
 
 MOST_STEPS = 2048  # Largest number of training steps of a phase: 64 jumps of 32 steps in contact

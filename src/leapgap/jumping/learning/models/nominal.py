@@ -8,8 +8,7 @@ import numpy as np
 from leapgap.jumping.learning.model import Model, Nominal, Part, ResidualModel
 from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe
 from leapgap.jumping.learning.windows import RolloutInputs, Windows, extract_transitions
-from leapgap.jumping.models.affine_model import AffineModel, Situation
-from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, PUBLISHED, VELOCITY, RigidBody
+from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, PUBLISHED, VELOCITY, AffineModel, RigidBody, Situation
 
 
 @dataclass(frozen=True)
