@@ -10,7 +10,7 @@ from leapgap.errors import InputError
 from leapgap.jumping.models.planar import A1_JOINTS, PlanarRobot, planar_robot
 from leapgap.jumping.planning.dynamics import CROUCH, centre_of_mass, legs
 from leapgap.jumping.planning.problem import Problem
-from leapgap.jumping.planning.reference import Gains, to_jump
+from leapgap.jumping.planning.reference import to_jump
 from leapgap.jumping.planning.solve import solve
 from leapgap.jumping.task import Target
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
@@ -64,7 +64,7 @@ def test_another_quadruped_jumps_without_a_change_of_code(name: str, tmp_path: P
     solution = solve(Problem(Target(0.4), robot=planar))
     assert solution.solved, solution.reason
     assert np.abs(solution.trajectory.torque[:, ::2]).max() <= 2 * FIGURES[name].thigh_torque + 1e-6
-    jump = to_jump(solution, Gains())
+    jump = to_jump(solution)
     assert jump.info.robot == name
     positions, quaternions = jump.stack(BASE_POSITION), jump.stack(BASE_QUATERNION)
     feet = feet_in_world(other, positions, quaternions, jump.per_joint("joint_pos", other.joints))

@@ -6,9 +6,10 @@ import numpy as np
 
 from leapgap.jumping.control.compiler import compiled, require_compiler
 from leapgap.jumping.control.condensed_qp import STATES, PreparedQp
-from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig, Solved, microseconds
+from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig, microseconds
 from leapgap.jumping.control.qp import FAILED as REASON_FAILED
 from leapgap.jumping.control.qp import NOT_FINITE as REASON_NOT_FINITE
+from leapgap.jumping.control.qp import GuardedSolution
 from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.models.rigid_body import DeviationModel, PredictionModel
 
@@ -310,7 +311,7 @@ def solve_update(state, foot, model, iterations, tables):  # type: ignore[no-unt
     return SOLVED if sound else INACCURATE, x, active, size
 
 
-FAULTS = {SOLVED: None, NOT_FINITE: REASON_NOT_FINITE, INACCURATE: "inaccurate", FAILED: REASON_FAILED}
+FAULTS = {NOT_FINITE: REASON_NOT_FINITE, INACCURATE: "inaccurate", FAILED: REASON_FAILED}
 
 
 class CompiledPlanner(ForcePlanner):
@@ -323,13 +324,13 @@ class CompiledPlanner(ForcePlanner):
         super().__init__(reference, model, config)
         self._tables = {key: update_tables(self, key / 1e6, ready).arguments for key, ready in self.prepared.items()}
 
-    def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Solved:
+    def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> GuardedSolution:
         """See ``ForcePlanner``."""
         tables = self._tables.get(microseconds(time_s)) or update_tables(self, time_s, prepared).arguments
         state, foot = np.array(self.formulation.start(time_s, state), float), np.array(foot, float)  # as compiled for
         model = self.first_step(state, foot, time_s)
         status, x, _, _ = solve_update(state, foot, model, self.config.qp.max_iterations, tables)
-        return Solved(x, None, FAULTS[status])
+        return GuardedSolution(x if status == SOLVED else None, FAULTS.get(status, ""))
 
 
 def update_tables(planner: ForcePlanner, time_s: float, prepared: PreparedQp) -> DualTables:

@@ -12,7 +12,7 @@ from leapgap.jumping.control.border import TIME_NOT_USABLE, Border, JointGains
 from leapgap.jumping.control.condensed_qp import ROUNDING_S, ForceLimits, Horizon, prepare_qp
 from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
 from leapgap.jumping.control.mpc import StateWeights
-from leapgap.jumping.control.qp import NOT_FINITE, Qp, QpConfig, SolutionRequirements, guarded_solve, solver
+from leapgap.jumping.control.qp import Qp, QpConfig, SolutionRequirements, guarded_solve, solver
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, AffineModel, RigidBody, RigidBodyModel, Situation, X, Z
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, FORCES
@@ -76,9 +76,9 @@ class LandingMpc(Controller):
     def _plan(self, estimate: StateEstimate) -> np.ndarray:
         """First force towards rest, (4,), N; the weight of the robot where there is no solution."""
         result = guarded_solve(self._problem(estimate), self.solver, self.config.demands)
-        if result.fault is None and result.solution is not None:
-            return result.solution.x[: len(self.force)]
-        self.fallbacks[result.fault or NOT_FINITE] += 1
+        if result.x is not None:
+            return result.x[: len(self.force)]
+        self.fallbacks[result.fault] += 1
         return standing_force(self.model.body)
 
     def _problem(self, estimate: StateEstimate) -> Qp | None:

@@ -13,7 +13,7 @@ from leapgap.jumping.control.tracking import JumpController, PhaseGains, Referen
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.models.rigid_body import Z
 from leapgap.jumping.planning.problem import Grid, Limits
-from leapgap.jumping.planning.reference import Gains, to_jump
+from leapgap.jumping.planning.reference import to_jump
 from leapgap.jumping.planning.solve import FamilyConfig, Solution, plan_family
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
@@ -72,16 +72,12 @@ class LandingSamples:
 
 
 class LandingModel:
-    """Landing − goal as a function of goal and stance: a linear trend and a Gaussian process on what it leaves.
+    """Landing − goal as a function of goal and stance: a linear trend and a Gaussian process on what it leaves."""
 
-    With a model ``base`` of a similar robot, the same is fitted to landing − its prediction.
-    """
-
-    def __init__(self, samples: LandingSamples, config: AimConfig, base: "LandingModel | None" = None) -> None:
-        self.samples, self.config, self.base = samples, config, base
+    def __init__(self, samples: LandingSamples, config: AimConfig) -> None:
+        self.samples, self.config = samples, config
         self.centre = samples.inputs.mean(axis=0) if len(samples) else np.zeros(4)
-        pairs = zip(samples.goal, samples.stance_pitch, strict=True)
-        self.error = samples.landing - np.array([self._expected(*pair) for pair in pairs]).reshape(-1, 3)
+        self.error = samples.landing - samples.goal
         self.sample_weights = np.ones(len(samples))  # Weight of each jump in the fit, 0 to 1, (n,)
         self._fit()
         for _ in range(REWEIGHTINGS):
@@ -110,12 +106,7 @@ class LandingModel:
     def landing(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
         """Predicted landing pose, (3,), of a jump to ``goal`` (3,) from a stance of this pitch, rad; as ``GOAL``."""
         at = np.append(goal, stance_pitch)[None]
-        learned = (self._trend(at) @ self.weights + self._kernel(at, self.samples.inputs) @ self.dual)[0]
-        return self._expected(goal, stance_pitch) + learned
-
-    def _expected(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
-        """The landing before anything is learned from the samples: the base model's, else the goal, (3,)."""
-        return goal if self.base is None else self.base.landing(goal, stance_pitch)
+        return goal + (self._trend(at) @ self.weights + self._kernel(at, self.samples.inputs) @ self.dual)[0]
 
     def deviation(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
         """Standard deviation of that prediction, (3,), m, m, rad; it grows with the distance from the samples."""
@@ -304,7 +295,7 @@ class GoalDirectedJump(JumpController):
             self.goal, solution = plan
             if solution.problem.robot != planner.robot or not np.allclose(self.goal, chosen):
                 self._substitute(OTHER_PLAN)
-            self.reference = Reference.of(to_jump(solution, Gains()), self.robot)
+            self.reference = Reference.of(to_jump(solution), self.robot)
         return self.track(None if plan is None else plan[1])
 
     def track(self, solution: Solution | None) -> JumpController:

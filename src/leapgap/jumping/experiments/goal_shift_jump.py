@@ -20,7 +20,7 @@ from leapgap.jumping.experiments.goal_directed_jump import (
     target_pose,
 )
 from leapgap.jumping.experiments.method import JumpTask, Method, goal_choice
-from leapgap.jumping.planning.reference import Gains, to_jump
+from leapgap.jumping.planning.reference import to_jump
 from leapgap.jumping.planning.solve import Solution, landing_goal
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate
@@ -341,7 +341,7 @@ def shifted_plan(planner: JumpPlanner, solution: Solution, reference: Reference,
             moved = goal + step * np.eye(GOAL_AXES)[axis]
             neighbour = planner.plan(target, moved, problem.stance_pitch_rad, problem.robot)
             if neighbour is not None:
-                neighbours.append(Reference.of(to_jump(neighbour, Gains()), robot))
+                neighbours.append(Reference.of(to_jump(neighbour), robot))
                 steps.append(step)
                 break
     return ShiftedPlan.of(reference, neighbours, steps) if len(steps) == GOAL_AXES else None
@@ -356,7 +356,7 @@ def stance_slopes(
     for step in STANCE_STEPS:
         tilted = planner.plan(problem.target, goal, problem.stance_pitch_rad + step, problem.robot)
         if tilted is not None:
-            return differences(reference, Reference.of(to_jump(tilted, Gains()), robot), step)
+            return differences(reference, Reference.of(to_jump(tilted), robot), step)
     return None
 
 

@@ -19,7 +19,7 @@ from leapgap.jumping.control.border import JointGains
 from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.mpc import MpcConfig, StateWeights
 from leapgap.jumping.control.tracking import Excitation, PhaseGains
-from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, AimConfig
+from leapgap.jumping.experiments.goal_directed_jump import AIMING_LIMITS, AimConfig, JumpPlanner
 from leapgap.jumping.experiments.method import JumpTask, Method, References, crouch
 from leapgap.jumping.experiments.trial import TrialResult, TrialSetup, TrialSpec
 from leapgap.jumping.learning.windows import TimeGrid
@@ -376,6 +376,11 @@ class Rig:
             if name not in self._prepared:
                 self._prepared[name] = self.known[name].prepare(name, self)
             return self._prepared[name]
+
+    @property
+    def planner(self) -> JumpPlanner:
+        """Plans of the nominal robot from any stance to any goal, before anything was learned of it."""
+        return JumpPlanner(planar_robot(self.robot), self.settings.schedule, self.settings.limits)
 
     def plan(self, target: Target) -> Log:
         """A plan of the nominal robot from level ground."""

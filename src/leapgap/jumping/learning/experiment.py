@@ -12,7 +12,7 @@ from leapgap.jumping.learning import uncertainty
 from leapgap.jumping.learning.loggers import LoggerConfig
 from leapgap.jumping.learning.model import Model
 from leapgap.jumping.learning.models.kernel import KernelConfig, KernelModel
-from leapgap.jumping.learning.recipe import FitTask, ModelRecipe, ModelSettings, Settings, TrainingRun, settings_in
+from leapgap.jumping.learning.recipe import FitTask, ModelRecipe, ModelSettings, TrainingRun, WithModelSettings
 from leapgap.jumping.learning.store import is_stored, load, recipes
 from leapgap.jumping.learning.windows import Windows
 from leapgap.jumping.models.rigid_body import RigidBody
@@ -62,7 +62,7 @@ TRAINER = {"accelerator": "cpu", "devices": 1, "enable_progress_bar": True}
 
 
 @dataclass
-class TrainConfig:
+class TrainConfig(WithModelSettings):
     """The section ``train`` of the configuration: data, splits and models.
 
     Settings of a model are a dataclass beside it, and a section ``train.<section>`` of their own.
@@ -80,7 +80,6 @@ class TrainConfig:
     seed: int = 0
     curvature: float = 0.5  # Curvature of the steps' positions, as in ``rigid_body.advance``, but in published models
     model_settings: dict[str, ModelSettings] = field(default_factory=dict)
-    """Settings of models by their section, where they are not the defaults."""
     steps_an_epoch: int = 25
     threads: int = 1  # Of torch on the CPU; sums, hence the last bits of the weights, depend on it
     processes: int = 2  # Splits fitted at the same time
@@ -102,10 +101,6 @@ class TrainConfig:
         skipped = self.not_in_sessions if split.name.startswith("session") else []
         judged = bool(split.held_out)  # forecasts are judged, never used
         return [name for name in self.models if name not in skipped and (judged or not recipes()[name].is_forecast)]
-
-    def settings(self, kind: type[Settings]) -> Settings:
-        """The settings of one kind of models."""
-        return settings_in(self.model_settings, kind)
 
     @property
     def body(self) -> RigidBody:
