@@ -174,11 +174,6 @@ class ShiftTracker(JumpController):
         self.frame = replace(frame, level_m=level_m)
         return self.frame
 
-    @property
-    def deviations(self) -> np.ndarray:
-        """How far trunk and feet were from the shifted plan at each update, (updates, 10)."""
-        return self.recorder.deviations
-
     def _update(self, update: int, before: np.ndarray) -> None:
         """Choose the shift from this update on: the one before, until something sudden has happened."""
         deviation = self.recorder.keep(update)

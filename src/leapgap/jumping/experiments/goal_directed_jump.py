@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from leapgap.jumping.control.condensed_qp import ROUNDING_S
-from leapgap.jumping.control.goal_shift_jump import ground_pitch
+from leapgap.jumping.control.goal_shift_jump import ShiftTracker, ground_pitch
 from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
-from leapgap.jumping.control.shifted_plan import GOAL_AXES, Observation, ObservedJointPd
+from leapgap.jumping.control.shifted_plan import DEVIATIONS, Observation, ObservedJointPd
 from leapgap.jumping.control.tracking import JumpController, PhaseGains, Reference
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.models.rigid_body import Z
@@ -305,14 +305,14 @@ class GoalDirectedJump(JumpController):
 
     @property
     def shifts(self) -> np.ndarray:
-        """Shift of the goal from each update on, (updates, 3): none in such a jump."""
-        return np.zeros((len(self.deviations), GOAL_AXES))
+        """Shift of the goal from each update on, (updates, 3), where it is shifted."""
+        return self.tracker.shifts if isinstance(self.tracker, ShiftTracker) else np.zeros((len(self.deviations), 3))
 
     @property
     def deviations(self) -> np.ndarray:
-        """How far trunk and feet were from the plan at each update, (updates, 10)."""
-        assert isinstance(self.tracker, ObservedJointPd)
-        return self.tracker.recorder.deviations
+        """How far trunk and feet were from the (shifted) plan at each update, (updates, 10), where that is kept."""
+        kept = isinstance(self.tracker, ObservedJointPd | ShiftTracker)
+        return self.tracker.recorder.deviations if kept else np.zeros((0, DEVIATIONS))
 
     def _substitute(self, reason: str) -> None:
         self.fallbacks[reason] += 1

@@ -320,16 +320,6 @@ class GoalShiftJump(GoalDirectedJump):
             self.goal, self.stance_pitch = self.shift_tracker.goal, self.shift_tracker.stance_pitch
         return command
 
-    @property
-    def shifts(self) -> np.ndarray:
-        """Shift of the goal from each update on, (updates, 3)."""
-        return super().shifts if self.shift_tracker is None else self.shift_tracker.shifts
-
-    @property
-    def deviations(self) -> np.ndarray:
-        """How far trunk and feet were from the shifted plan at each update, (updates, 10)."""
-        return super().deviations if self.shift_tracker is None else self.shift_tracker.deviations
-
 
 def shifted_plan(planner: JumpPlanner, solution: Solution, reference: Reference, robot: Robot) -> ShiftedPlan | None:
     """The plan and its slopes; where a neighbour on one side has no plan, that on the other side is taken."""

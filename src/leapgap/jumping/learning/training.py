@@ -158,12 +158,29 @@ of 150 jumps; of more jumps, windows spread evenly are taken."""
 CURVE = ("step", "train_loss", "validation_loss")
 
 
-class Learner(lightning.LightningModule):
-    """The residual, its loss and its optimiser, as Lightning drives them."""
+class Trainable(lightning.LightningModule):
+    """What Lightning trains, with its optimiser."""
+
+    def __init__(self, fitting: Fitting) -> None:
+        super().__init__()
+        self.fitting = fitting
+
+    def configure_optimizers(self) -> Any:
+        """AdamW, with the learning rate along a cosine where that is configured."""
+        fitting = self.fitting
+        optimiser = torch.optim.AdamW(self.parameters(), lr=fitting.learning_rate, weight_decay=fitting.weight_decay)
+        if not fitting.cosine_decay:
+            return optimiser
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, fitting.steps)
+        return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+
+class Learner(Trainable):
+    """The residual and its loss."""
 
     def __init__(self, residual: ResidualModule, windows: Sequence[Windows], fitting: Fitting, seed: int) -> None:
-        super().__init__()
-        self.residual, self.fitting, self.seed = residual, fitting, seed
+        super().__init__(fitting)
+        self.residual, self.seed = residual, seed
         self.windows, self.batches = windows, list[Batch]()
         """Those trained on, then maybe held-out ones, which are looked at for the curve."""
 
@@ -195,19 +212,6 @@ class Learner(lightning.LightningModule):
             states, _ = self.residual.roll_out(self.batches[1])
         self.train()
         return float(((states.mean(dim=0) - self.batches[1].state[:, 1:]) ** 2).mean())
-
-    def configure_optimizers(self) -> Any:
-        """AdamW, with the learning rate along a cosine where that is configured."""
-        return optimiser_of(self.parameters(), self.fitting)
-
-
-def optimiser_of(parameters: Iterator[torch.nn.Parameter], fitting: Fitting) -> Any:
-    """AdamW, with the learning rate along a cosine where that is configured, in Lightning's form."""
-    optimiser = torch.optim.AdamW(parameters, lr=fitting.learning_rate, weight_decay=fitting.weight_decay)
-    if not fitting.cosine_decay:
-        return optimiser
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, fitting.steps)
-    return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
 
 class EmptySteps(torch.utils.data.IterableDataset):
@@ -318,14 +322,13 @@ def silence_advice() -> None:
 ERROR_SCALE = (0.02, 0.02, 0.05, 0.1, 0.1, 0.4)  # Errors of a prediction that count alike, m, rad, s
 
 
-class RollOuts(lightning.LightningModule):
+class RollOuts(Trainable):
     """All jumps as tensors, the networks, and the loss of their roll-outs from every step."""
 
     def __init__(
         self, start: DeviationNetworks, jumps: Sequence[DeviatingJump], horizon: int, fitting: Fitting
     ) -> None:
-        super().__init__()
-        self.fitting = fitting
+        super().__init__(fitting)
         learned = int((jumps[0].steps.time_s < start.landing_s - BALLISTIC_S - 1e-6).sum())
         self.horizon = min(horizon, learned)
         self.starts = learned - self.horizon + 1
@@ -373,10 +376,6 @@ class RollOuts(lightning.LightningModule):
             off = (state - self.error[:, k + 1 : k + 1 + count]) / self.scale
             total = total + (off.pow(2).mean(dim=(2, 3)) * self.weight / self.weight.mean()).mean(dim=1).sum()
         return total / self.horizon + self.fitting.output_penalty * raw.abs().mean() * len(raw)
-
-    def configure_optimizers(self) -> Any:
-        """As for the other networks."""
-        return optimiser_of(self.parameters(), self.fitting)
 
 
 def fit_deviation(

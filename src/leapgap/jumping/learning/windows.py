@@ -192,6 +192,9 @@ def write(windows: Windows, folder: Path) -> None:
     check(windows, "the windows")
     folder.mkdir(parents=True, exist_ok=True)
     left_out = {"step_s"} if windows.steps_as_scheduled else set()
+    note = "" if windows.steps_as_scheduled else "steps are as long as they were by the logs' own clock"
+    if not len(windows):
+        note = "no logs: nothing was cut"
     write_npz(folder / "windows.npz", {name: getattr(windows, name) for name in ARRAYS if name not in left_out})
     write_json(
         folder / "windows.json",
@@ -199,20 +202,13 @@ def write(windows: Windows, folder: Path) -> None:
             "format_version": FORMAT_VERSION,
             "windows": len(windows),
             "jumps": list(windows.jumps),
-            "note": note(windows),
+            "note": note,
             "grid": asdict(windows.grid),
             "schedule": asdict(windows.schedule) if windows.schedule else None,
             "robot": windows.robot,
             "robot_sha256": windows.robot_sha256,
         },
     )
-
-
-def note(windows: Windows) -> str:
-    """What a reader of ``windows.json`` should know, empty where there is nothing."""
-    if not len(windows):
-        return "no logs: nothing was cut"
-    return "" if windows.steps_as_scheduled else "steps are as long as they were by the logs' own clock"
 
 
 def read(folder: Path) -> Windows:

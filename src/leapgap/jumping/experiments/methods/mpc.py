@@ -9,7 +9,6 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.jumping.control.inference import load
 from leapgap.jumping.control.mpc import DepartingMpc
-from leapgap.jumping.control.shifted_plan import DEVIATIONS
 from leapgap.jumping.control.tracking import Excitation, JointPd, JumpController, Reference
 from leapgap.jumping.experiments.goal_directed_jump import (
     GoalChoice,
@@ -295,11 +294,6 @@ class GoalMpcJump(GoalDirectedJump):
         tracker = self.method.along(self.reference)
         tracker.fallbacks, tracker.substituted = self.fallbacks, self.substituted
         return tracker
-
-    @property
-    def deviations(self) -> np.ndarray:
-        """None are kept, (0, 10): the model is of the whole log."""
-        return np.zeros((0, DEVIATIONS))
 
 
 @dataclass(frozen=True)

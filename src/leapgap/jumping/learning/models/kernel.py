@@ -105,15 +105,12 @@ class KernelModel(ResidualModel):
     contact: KernelPart | None
     flight: KernelPart | None
 
-    def residual(self, situation: Situation, contact: np.ndarray) -> AffineModel:
+    def residual_in(self, phase: str, situation: Situation) -> AffineModel | None:
         """h and G; a phase that had no training step has none."""
-        bias, by_force = np.zeros((len(contact), 3)), np.zeros((len(contact), 3, 4))
-        for part, mask in ((self.contact, contact), (self.flight, ~contact)):
-            if part is not None and mask.any():
-                inputs = np.stack(columns(self.names, situation.at(mask)), axis=-1)
-                found = part.at((inputs - part.input_mean) / part.input_scale)
-                bias[mask], by_force[mask] = found.bias, found.by_force
-        return AffineModel(bias, by_force)
+        part: KernelPart | None = getattr(self, phase)
+        if part is None:
+            return None
+        return part.at((np.stack(columns(self.names, situation), axis=-1) - part.input_mean) / part.input_scale)
 
     def flat_residual(self, phase: str) -> tuple[np.ndarray, tuple[Part, ...]]:
         """The mean training residual and one kernel; a phase that had no training step has none."""
