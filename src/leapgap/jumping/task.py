@@ -18,17 +18,12 @@ STAND = "stand"  # Segment of a log before its first jump begins
 class ContactSchedule:
     """Lengths of the phases of a jump, s, in their order.
 
-    The published jumps use 500/300/400 ms: all feet, rear feet, none.
+    The published jumps use 500/300/400 ms: all feet (until the front pair lifts off), rear feet, none.
     """
 
     double_contact_s: float = 0.5
     rear_contact_s: float = 0.3
     flight_s: float = 0.4
-
-    @property
-    def front_lift_off_s(self) -> float:
-        """When the front pair is planned to leave the ground."""
-        return self.double_contact_s
 
     @property
     def take_off_s(self) -> float:
@@ -47,12 +42,12 @@ class ContactSchedule:
         as on it, so that 0.8 written as 8 × 0.1 does not push one tick too long.
         """
         t = np.asarray(time_s, dtype=float) + 1e-6
-        return np.stack([t < self.front_lift_off_s, t < self.take_off_s], axis=-1)
+        return np.stack([t < self.double_contact_s, t < self.take_off_s], axis=-1)
 
     def pairs_in_contact(self, time_s: float) -> tuple[bool, bool]:
         """``in_contact`` of the front and the rear pair at one moment."""
         t = time_s + 1e-6
-        return t < self.front_lift_off_s, t < self.take_off_s
+        return t < self.double_contact_s, t < self.take_off_s
 
 
 @dataclass(frozen=True)

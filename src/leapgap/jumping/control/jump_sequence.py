@@ -171,8 +171,7 @@ class JumpSequence(Controller):
         self.phase: Phase = "jump"
         self.number = 0
         self.landings_s: list[float] = []
-        self.landing: LandingMpc | None = None
-        self._fallbacks_before: Counter[str] = Counter()
+        self._landings: list[LandingMpc] = []
         self._phase_since_s = 0.0
         self._both_since_s = np.inf
         self._settle_from = jumps[0].reference.joint_pos[0]
@@ -181,8 +180,8 @@ class JumpSequence(Controller):
     @property
     def fallbacks(self) -> Counter[str]:
         """Count of fallback commands by reason, of all jumps and landings so far."""
-        of_landings = self._fallbacks_before + (self.landing.fallbacks if self.landing else Counter())
-        return sum((jump.fallbacks for jump in self.jumps), Counter[str]()) + self._own_fallbacks + of_landings
+        of_jumps, of_landings = ([part.fallbacks for part in parts] for parts in (self.jumps, self._landings))
+        return sum((*of_jumps, self._own_fallbacks, *of_landings), Counter[str]())
 
     def command(self, estimate: StateEstimate) -> Command:
         """See ``Controller``: the command of the present phase, a safe one where a tick has no usable time."""
@@ -197,8 +196,8 @@ class JumpSequence(Controller):
         self._switch(judged)
         if self.phase == "jump":
             return self.border.sent(self.jumps[self.number].command(judged))
-        if self.phase == "landing" and self.landing is not None:
-            return self.border.sent(self.landing.command(judged))
+        if self.phase == "landing":
+            return self.border.sent(self._landings[-1].command(judged))
         return self.border.sent(self._settle(judged))
 
     def _switch(self, estimate: StateEstimate) -> None:
@@ -211,9 +210,7 @@ class JumpSequence(Controller):
             lasted, schedule = now - jump.start_s + ROUNDING_S, jump.reference.schedule
             may_touch = lasted >= schedule.take_off_s + config.earliest_touch_s
             if may_touch and now - self._both_since_s + ROUNDING_S >= config.confirm_s:
-                if self.landing is not None:
-                    self._fallbacks_before += self.landing.fallbacks
-                self.landing = LandingMpc(self.robot, self._next_pose(), config.landing, self.body)
+                self._landings.append(LandingMpc(self.robot, self._next_pose(), config.landing, self.body))
                 self.landings_s.append(now)
                 self.phase, self._phase_since_s = "landing", now
             elif lasted >= schedule.landing_s + config.latest_touch_s:

@@ -7,7 +7,7 @@ import numpy as np
 
 from leapgap.jumping.control.condensed_qp import ROUNDING_S
 from leapgap.jumping.control.goal_shift_jump import ShiftTracker, ground_pitch
-from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
+from leapgap.jumping.control.leg_kinematics import StartFrame
 from leapgap.jumping.control.shifted_plan import DEVIATIONS, Observation, ObservedJointPd
 from leapgap.jumping.control.tracking import JumpController, PhaseGains, Reference
 from leapgap.jumping.models.planar import PlanarRobot
@@ -59,11 +59,7 @@ class LandingSamples:
 
     def extended_by(self, other: "LandingSamples") -> "LandingSamples":
         """These samples, followed by those of ``other``."""
-        return LandingSamples(
-            np.concatenate([self.goal, other.goal]),
-            np.concatenate([self.stance_pitch, other.stance_pitch]),
-            np.concatenate([self.landing, other.landing]),
-        )
+        return LandingSamples(*(np.concatenate([own, vars(other)[name]]) for name, own in vars(self).items()))
 
     @property
     def inputs(self) -> np.ndarray:
@@ -279,7 +275,8 @@ class GoalDirectedJump(JumpController):
             kp, kd = still + gains.kp_nm_per_rad, still + gains.kd_nms_per_rad
             return Command(plan.torque[0], plan.joint_pos[0], still, kp, kd, plan.force[0])
         stance = latest(self._stood[:-1], stand.measured_s)  # the jump begins with this estimate
-        self.tracker = self.plan_from(stance_pitch(stance, self.legs) if self.choice.stance_is_seen else 0.0)
+        pitch = np.mean([ground_pitch(one, self.legs) for one in stance]) if self.choice.stance_is_seen else 0.0
+        self.tracker = self.plan_from(float(pitch))
         self.start_s = estimate.time_s
         return self.tracker.command(estimate)
 
@@ -290,11 +287,11 @@ class GoalDirectedJump(JumpController):
         chosen = self.choice.aim(target, self.stance_pitch)
         plan = planner.plan_nearest(target, chosen, self.stance_pitch)
         if plan is None:
-            self._substitute(NO_PLAN)  # the plan from level ground is used instead
+            self.count_fallback(NO_PLAN)  # the plan from level ground is used instead
         else:
             self.goal, solution = plan
             if solution.problem.robot != planner.robot or not np.allclose(self.goal, chosen):
-                self._substitute(OTHER_PLAN)
+                self.count_fallback(OTHER_PLAN)
             self.reference = Reference.of(to_jump(solution), self.robot)
         return self.track(None if plan is None else plan[1])
 
@@ -314,10 +311,6 @@ class GoalDirectedJump(JumpController):
         kept = isinstance(self.tracker, ObservedJointPd | ShiftTracker)
         return self.tracker.recorder.deviations if kept else np.zeros((0, DEVIATIONS))
 
-    def _substitute(self, reason: str) -> None:
-        self.fallbacks[reason] += 1
-        self.substituted.append((0.0, reason))
-
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
         """Torques (joints,), N·m, and pair forces (4,), N, of the planned jump."""
         assert self.tracker is not None
@@ -329,8 +322,3 @@ def latest(estimates: Sequence[StateEstimate], duration_s: float) -> Sequence[St
     since_s = estimates[-1].time_s - duration_s + ROUNDING_S
     first = next(i for i, estimate in enumerate(estimates) if estimate.time_s > since_s)
     return estimates[first:]
-
-
-def stance_pitch(estimates: Sequence[StateEstimate], legs: LegKinematics) -> float:
-    """Pitch of the ground under a robot in the crouch, rad, nose-down; mean over the estimates."""
-    return float(np.mean([ground_pitch(estimate, legs) for estimate in estimates]))

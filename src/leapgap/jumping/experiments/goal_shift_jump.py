@@ -282,14 +282,14 @@ class GoalShiftJump(GoalDirectedJump):
         plan = None if solution is None else shifted_plan(self.choice.planner, solution, self.reference, self.robot)
         if plan is None or self.goal is None or solution is None:
             if solution is not None:
-                self._substitute(NO_NEIGHBOURS)
+                self.count_fallback(NO_NEIGHBOURS)
             return super().track(solution)
         settings, feedback = self.settings, self.settings.feedback
         late = None
         if not self.choice.stance_is_seen:
             slopes = stance_slopes(self.choice.planner, solution, self.reference, self.robot)
             if slopes is None:
-                self._substitute(NO_OTHER_STANCE)
+                self.count_fallback(NO_OTHER_STANCE)
             else:
                 pitches = self.stance_pitch + np.linspace(-LARGEST_TILT_RAD, LARGEST_TILT_RAD, STANCES)
                 goals = np.array([self.choice.aim(self.choice.target, pitch) for pitch in pitches])

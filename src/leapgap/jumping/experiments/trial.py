@@ -261,12 +261,9 @@ class TrialSpec:
         outcome = attempt_task(
             self.task, self.method, self.reference, self.effects, self.world, np.random.default_rng(self.seed)
         )
+        shared = ("landings", "total_error_cm", "fallbacks", "substituted", "metrics")
         return TrialResult(
-            landings=outcome.landings,
-            total_error_cm=outcome.total_error_cm,
-            fallbacks=outcome.fallbacks,
-            substituted=outcome.substituted,
-            metrics=outcome.metrics,
+            **{name: getattr(outcome, name) for name in shared},
             disturbance=", ".join(str(one) for one in outcome.disturbances),
             samples=landing_samples(outcome),
             shifted=shifted_jumps(outcome),

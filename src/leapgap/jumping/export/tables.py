@@ -328,7 +328,7 @@ def force_tables_of(controller: JumpMpc) -> ControllerTables:
         "VARIABLES": max(totals),
         "LIMITS": arrays["limit_bound"].shape[1],
         "LARGEST_ITERATIONS": config.qp.max_iterations,
-        "FRONT_LIFT_OFF_S": reference.schedule.front_lift_off_s,
+        "FRONT_LIFT_OFF_S": reference.schedule.double_contact_s,
         "PLAN_VALID_S": config.plan_valid_s,
         "CURVATURE": CURVATURE,
         "FORCE_WEIGHT": config.force_weight,

@@ -13,7 +13,7 @@ from leapgap.jumping.learning.loggers import LoggerConfig
 from leapgap.jumping.learning.model import Model
 from leapgap.jumping.learning.models.kernel import KernelConfig, KernelModel
 from leapgap.jumping.learning.recipe import FitTask, ModelRecipe, ModelSettings, TrainingRun, WithModelSettings
-from leapgap.jumping.learning.store import is_stored, load, recipes
+from leapgap.jumping.learning.store import load, recipes
 from leapgap.jumping.learning.windows import Windows
 from leapgap.jumping.models.rigid_body import RigidBody
 
@@ -115,7 +115,8 @@ def fit_task(
 
     def member(other: str) -> Model:
         models = config.models_of(split)
-        if other not in models[: models.index(name)] or not is_stored(folder, other):
+        is_stored = all((folder / f"{other}.{ending}").is_file() for ending in ("json", "npz"))
+        if other not in models[: models.index(name)] or not is_stored:
             raise InputError("train.models", f"{name} before {other}", f"{other} before it", "correct conf/train")
         return load(folder, other).model
 

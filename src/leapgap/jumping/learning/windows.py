@@ -114,15 +114,8 @@ class Windows:
     @property
     def inputs(self) -> RolloutInputs:
         """What a model may know of them: everything but the states after the first."""
-        return RolloutInputs(
-            state=self.state[:, 0],
-            force=self.force,
-            foot=self.foot,
-            contact=self.contact,
-            time_s=self.time_s[:, :-1],
-            step_s=self.step_s,
-            start=self.start,
-        )
+        shared = {name: getattr(self, name) for name in ("force", "foot", "contact", "step_s", "start")}
+        return RolloutInputs(state=self.state[:, 0], time_s=self.time_s[:, :-1], **shared)
 
     def of_jumps(self, names: Sequence[str]) -> "Windows":
         """The windows of some of the jumps only, in their order here."""
@@ -135,10 +128,14 @@ class Windows:
 
     def thin(self, most: int) -> "Windows":
         """The same windows, or ``most`` of them spread evenly."""
-        if len(self) <= most:
-            return self
-        kept = np.arange(most) * len(self) // most
-        return replace(self, **{name: getattr(self, name)[kept] for name in ARRAYS})
+        kept = spread_evenly(len(self), most)
+        return self if len(kept) == len(self) else replace(self, **{name: getattr(self, name)[kept] for name in ARRAYS})
+
+
+def spread_evenly(count: int, most: int) -> np.ndarray:
+    """Places of all of ``count`` items, or of ``most`` of them at equal distances."""
+    number = min(most, count)
+    return np.arange(number) * count // max(number, 1)
 
 
 Motion = TypeVar("Motion", RolloutInputs, Windows)

@@ -155,16 +155,6 @@ class RigidBody:
         rows[..., 2, FORCE_Z] = -foot[..., FORCE_X] / self.pitch_inertia_kgm2
         return rows
 
-    def acceleration(self, foot: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """(v̇x, v̇z, ω̇), shape (…, 3), under ground forces on the robot, front x z, rear x z, N, (…, 4)."""
-        acceleration = np.einsum("...ij,...j->...i", self.force_rows(foot), force)
-        acceleration[..., 1] -= GRAVITY
-        return acceleration
-
-    def step(self, state: np.ndarray, foot: np.ndarray, force: np.ndarray, step_s: np.ndarray | float) -> np.ndarray:
-        """x⁺ = (I + A Δt) x + B(r) Δt u (paper, nominal step): states (…, 6) one step of ``step_s`` (…) later."""
-        return advance(state, self.acceleration(foot, force), step_s)
-
 
 def advance(
     state: np.ndarray, acceleration: np.ndarray, step_s: np.ndarray | float, curvature: float = 0.0

@@ -19,7 +19,14 @@ from leapgap.jumping.learning.recipe import (
     configured_inputs,
 )
 from leapgap.jumping.learning.window_extraction import BALLISTIC_S, DeviatingJump
-from leapgap.jumping.learning.windows import RolloutInputs, Transitions, Windows, drop_forces, extract_transitions
+from leapgap.jumping.learning.windows import (
+    RolloutInputs,
+    Transitions,
+    Windows,
+    drop_forces,
+    extract_transitions,
+    spread_evenly,
+)
 from leapgap.jumping.models.rigid_body import (
     AffineModel,
     DeviationModel,
@@ -187,9 +194,7 @@ def training_steps(windows: Windows, pushing: bool) -> Transitions:
     """
     steps = extract_transitions(windows)
     mine = np.flatnonzero(steps.contact == pushing)
-    if len(mine) > MOST_STEPS:
-        mine = mine[np.arange(MOST_STEPS) * len(mine) // MOST_STEPS]
-    return steps.at(mine)
+    return steps.at(mine[spread_evenly(len(mine), MOST_STEPS)])
 
 
 def fit_part(steps: Transitions, nominal: Nominal, config: KernelConfig, pushing: bool) -> KernelPart:
