@@ -308,8 +308,9 @@ class GoalDirectedJump(JumpController):
     @property
     def deviations(self) -> np.ndarray:
         """How far trunk and feet were from the (shifted) plan at each update, (updates, 10), where that is kept."""
-        kept = isinstance(self.tracker, ObservedJointPd | ShiftTracker)
-        return self.tracker.recorder.deviations if kept else np.zeros((0, DEVIATIONS))
+        if isinstance(self.tracker, ObservedJointPd | ShiftTracker):
+            return self.tracker.recorder.deviations
+        return np.zeros((0, DEVIATIONS))
 
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
         """Torques (joints,), N·m, and pair forces (4,), N, of the planned jump."""
