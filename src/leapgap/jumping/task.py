@@ -1,4 +1,4 @@
-"""A jump as a task: its contact schedule and its target, and where the metadata of a log hold them."""
+"""A jump as a task: contact schedule, target, joint gains; and where the metadata of a log hold schedule and target."""
 
 import itertools
 from collections.abc import Sequence
@@ -56,6 +56,18 @@ class Target:
 
     x_m: float
     z_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class JointGains:
+    """Gains of the joint PD controller."""
+
+    kp_nm_per_rad: float = 300.0
+    kd_nms_per_rad: float = 3.0
+
+    def __post_init__(self) -> None:
+        if not all(0 <= gain < np.inf for gain in (self.kp_nm_per_rad, self.kd_nms_per_rad)):
+            raise ValueError("gains finite and not below 0")
 
 
 SCHEDULE, TARGET = "schedule", "target"  # Keys of a jump in the metadata of its log

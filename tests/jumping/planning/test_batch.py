@@ -3,9 +3,8 @@ import json
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.border import JointGains
 from leapgap.jumping.planning.reference import metrics, read_targets, timing, write_references
-from leapgap.jumping.task import Target, target_of
+from leapgap.jumping.task import JointGains, Target, target_of
 from leapgap.logs.log import read_log
 
 

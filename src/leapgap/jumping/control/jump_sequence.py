@@ -8,13 +8,14 @@ from typing import Literal
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.border import TIME_NOT_USABLE, Border, JointGains
+from leapgap.jumping.control.border import TIME_NOT_USABLE, Border
 from leapgap.jumping.control.condensed_qp import ROUNDING_S, ForceLimits, Horizon, prepare_qp
 from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
 from leapgap.jumping.control.mpc import StateWeights
 from leapgap.jumping.control.qp import Qp, QpConfig, SolutionRequirements, guarded_solve, solver
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, AffineModel, RigidBody, RigidBodyModel, Situation, X, Z
+from leapgap.jumping.task import JointGains
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, FORCES
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS

@@ -15,7 +15,6 @@ import numpy as np
 
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
-from leapgap.jumping.control.border import JointGains
 from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.mpc import MpcConfig, StateWeights
 from leapgap.jumping.control.tracking import Excitation, PhaseGains
@@ -27,7 +26,7 @@ from leapgap.jumping.models.planar import PlanarRobot, body_with, planar_robot, 
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.planning.problem import Limits
 from leapgap.jumping.planning.reference import is_same_robot, plan_reference, reference_to
-from leapgap.jumping.task import ContactSchedule, Target
+from leapgap.jumping.task import ContactSchedule, JointGains, Target
 from leapgap.logs import log as jump_log
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot

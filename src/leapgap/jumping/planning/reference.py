@@ -19,12 +19,11 @@ from typing import Any
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.border import JointGains
 from leapgap.jumping.models.planar import PlanarRobot, planar_robot
 from leapgap.jumping.planning.dynamics import JOINT, JOINTS, PITCH, X, Z
 from leapgap.jumping.planning.problem import Grid, Limits, Problem, Weights, start_feet, terrain
 from leapgap.jumping.planning.solve import Solution, solve_all
-from leapgap.jumping.task import ContactSchedule, Target, jump_info, schedule_of
+from leapgap.jumping.task import ContactSchedule, JointGains, Target, jump_info, schedule_of
 from leapgap.logs.log import Log, read_log, write_log
 from leapgap.logs.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
