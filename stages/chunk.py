@@ -4,7 +4,6 @@ Examples:
 
     python -m stages.chunk chunk.logs=data/jumps/simulated chunk.out=windows
     python -m stages.chunk chunk.logs=jumps chunk.flight_step_s=0.05 chunk.out=windows
-    python -m stages.chunk chunk.logs=jumps chunk.clock=own chunk.out=windows
 """
 
 from omegaconf import DictConfig

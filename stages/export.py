@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from omegaconf import DictConfig
 
-from leapgap.jumping.experiments.settings import LandSettings
+from leapgap.jumping.experiments.rig import LandSettings
 from leapgap.jumping.export.write import ExportSettings, tracker_of, write_controller
 from leapgap.runtime.executor import Executor
 from leapgap.runtime.output_folder import whole_folder

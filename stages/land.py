@@ -8,7 +8,7 @@ Examples:
 from omegaconf import DictConfig
 
 from leapgap.jumping.experiments.landing_experiment import PAGE, remove_figures, run_landings, write_landings
-from leapgap.jumping.experiments.settings import LandSettings
+from leapgap.jumping.experiments.rig import LandSettings
 from leapgap.runtime.atomic_io import write_text
 from leapgap.runtime.executor import Executor
 from leapgap.runtime.output_folder import claim_folder

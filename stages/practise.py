@@ -10,7 +10,7 @@ Examples:
 from omegaconf import DictConfig
 
 from leapgap.jumping.experiments.landing_experiment import PractiseSettings, run_practice
-from leapgap.jumping.experiments.settings import LandSettings
+from leapgap.jumping.experiments.rig import LandSettings
 from leapgap.runtime.atomic_io import write_json
 from leapgap.runtime.executor import Executor
 from leapgap.runtime.output_folder import claim_folder

@@ -151,7 +151,7 @@ def library_copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LibraryCo
 @pytest.mark.parametrize(
     ("stage", "file"),
     [
-        ("train", "jumping/models/affine_model.py"),
+        ("train", "jumping/models/rigid_body.py"),
         ("train", "jumping/learning/training.py"),  # imported inside a function
         ("diagnose_withheld", "reports/report.html"),
         ("land", "robot/a1.xml"),

@@ -8,7 +8,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from leapgap.jumping.experiments.landing_experiment import LandingExperiment, known
 from leapgap.jumping.experiments.method import JumpTask
-from leapgap.jumping.experiments.settings import LandSettings
+from leapgap.jumping.experiments.rig import LandSettings
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.simulation.closed_loop import Sensing
 from stages.common import read_config, read_one_of, read_optional

@@ -27,8 +27,15 @@ from leapgap.jumping.learning.evaluation import (
     standard_error,
 )
 from leapgap.jumping.learning.model import Model, squared_errors
-from leapgap.jumping.learning.windows import RolloutInputs, Windows, extract_transitions, steps_of
+from leapgap.jumping.learning.window_extraction import cut, cut_at, rows_at, total_forces
+from leapgap.jumping.learning.windows import RolloutInputs, TimeGrid, Windows, extract_transitions, steps_of
 from leapgap.jumping.models.rigid_body import POSITION, STATE, VELOCITY
+from leapgap.jumping.task import schedule_of
+from leapgap.logs.log import Log
+from leapgap.logs.reading import read_folder
+from leapgap.logs.row_clock import RowClock, with_clock
+from leapgap.logs.row_clock_estimate import uneven_clocks
+from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import whole_file, write_json
 from tests.benchmarks import run_benchmark
 
@@ -83,7 +90,7 @@ def check_same_rows(claimed: Windows, own: Windows) -> None:
             "windows by the own clock",
             f"{len(own)} windows of {len(own.jumps)} jumps, {own.grid}",
             f"the {len(claimed)} windows of {len(claimed.jumps)} jumps, {claimed.grid}, of evaluate.windows",
-            "cut the same logs twice (stages.chunk), once with chunk.clock=own",
+            "cut the same logs twice",
         )
 
 
@@ -310,13 +317,42 @@ def write_error_by_step(found: ClockComparison, path: Path) -> None:
                     writer.writerows([label, name, k + 1, f"{value:.6g}"] for k, value in enumerate(errors[:, i]))
 
 
+def cut_by_own_clock(jumps: Sequence[Log], grid: TimeGrid, robot: Robot) -> Windows:
+    """Windows as ``window_extraction.cut`` makes them, of logs with uneven rows by the clock of their joints."""
+    clocks, claimed, pieces = uneven_clocks(jumps, robot.joints), cut(jumps, grid, robot), []
+    for jump in jumps:
+        if jump.name not in clocks:
+            pieces.append(vars(claimed.of_jumps([jump.name])))
+            continue
+        rows = rows_at(jump, grid.sample_times(schedule_of(jump)))
+        pieces.append(cut_at(*by_own_clock(jump, clocks[jump.name], rows), grid, robot, total_forces))
+    changed = ("start_x", "state", "force", "foot", "step_s")
+    return replace(claimed, **{name: np.concatenate([piece[name] for piece in pieces]) for name in changed})
+
+
+def by_own_clock(jump: Log, clock: RowClock, rows: np.ndarray) -> tuple[Log, np.ndarray, np.ndarray]:
+    """A log by its own clock, some of its rows there, and the time from each of them to the next, s.
+
+    ``InputError`` where a step has no length: nothing can be learned from it.
+    """
+    own, kept = with_clock(jump, clock)
+    there = (np.cumsum(kept) - kept)[rows]  # rows of one instant are one, at the place of the last of them
+    lengths = np.diff(own.time[there])
+    if (lengths <= 0).any():
+        step = int(np.flatnonzero(lengths <= 0)[0])
+        where = f"{jump.name}, rows {rows[step]} to {rows[step + 1]}"
+        do = "leave this log out, make the steps longer, or cut it by the clock that it claims"
+        raise InputError(where, "no time that passed, by the log's own clock", "steps of the grid that last", do)
+    return own, there, lengths
+
+
 def models_by(clock: str, logs: Path, out: Path, models: str) -> HeldOutPredictions:
     """Held-out predictions of models that are trained on the logs' windows by one clock."""
-    windows, trained = out / f"windows_{clock}", out / f"models_{clock}"
-    cut = [f"chunk.logs={logs}", f"chunk.clock={clock}", f"chunk.out={windows}"]
+    windows, trained, robot = out / f"windows_{clock}", out / f"models_{clock}", Robot.load()
+    jumps = read_folder(logs, robot).logs
+    window_files.write((cut if clock == CLAIMED else cut_by_own_clock)(jumps, TimeGrid(), robot), windows)
     train = [f"train.windows={windows}", f"train.out={trained}", "train.sessions=null", f"train.models=[{models}]"]
-    for stage, arguments in (("chunk", cut), ("train", train)):
-        subprocess.run([sys.executable, "-m", f"stages.{stage}", *arguments], check=True)
+    subprocess.run([sys.executable, "-m", "stages.train", *train], check=True)
     found = predict_held_out(window_files.read(windows), trained, "fold")
     if found is None:
         raise InputError(logs, "too few jumps", "two or more, so that one can be held out", "name another folder")

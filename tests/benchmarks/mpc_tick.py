@@ -27,10 +27,9 @@ from leapgap.jumping.control import compiler
 from leapgap.jumping.control.mpc import ForcePlan, JumpMpc, MpcConfig
 from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.tracking import PhaseGains, Reference
-from leapgap.jumping.experiments.settings import LearnedMpcConfig
+from leapgap.jumping.experiments.rig import LearnedMpcConfig
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.jumping.models.affine_model import PredictionModel
-from leapgap.jumping.models.rigid_body import DeviationModel
+from leapgap.jumping.models.rigid_body import DeviationModel, PredictionModel
 from leapgap.logs.pair_force import per_axis
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import write_json

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from leapgap.jumping.control.border import TIME_NOT_USABLE, Border, JointGains
+from leapgap.jumping.control.border import TIME_NOT_USABLE, Border
 from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.jump_sequence import LandingConfig
 from leapgap.jumping.control.mpc import POSE_NOT_FINITE, JumpMpc, MpcConfig, StateWeights
 from leapgap.jumping.control.qp import NOT_FINITE, SolutionRequirements
 from leapgap.jumping.control.tracking import JointPd, PhaseGains, Reference
 from leapgap.jumping.models.rigid_body import RigidBodyModel
+from leapgap.jumping.task import JointGains
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Controller
 from tests.conftest import A1_BODY

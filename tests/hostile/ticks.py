@@ -22,9 +22,8 @@ from leapgap.jumping.control.mpc import DepartingMpc, JumpMpc, MpcConfig
 from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.shifted_plan import QUANTITIES, Observation, ObservedJointPd, ShiftedPlan, ShiftGrid
 from leapgap.jumping.control.tracking import Excitation, ExcitedController, JointPd, PhaseGains, Reference
-from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
 from leapgap.jumping.models.planar import planar_robot
-from leapgap.jumping.models.rigid_body import RigidBodyModel
+from leapgap.jumping.models.rigid_body import AffineModel, PredictionModel, RigidBodyModel, Situation
 from leapgap.jumping.planning.reference import reference_to
 from leapgap.jumping.task import Target
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z

@@ -9,8 +9,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from leapgap.errors import InputError
-from leapgap.jumping.experiments.rig import TrialRunner
-from leapgap.jumping.experiments.settings import LandSettings
+from leapgap.jumping.experiments.rig import LandSettings, TrialRunner
 from leapgap.logs import log as jump_log
 from leapgap.robot.terrain import Box
 from leapgap.runtime.atomic_io import read_json

@@ -9,8 +9,7 @@ import mujoco
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.experiments.rig import Rig
-from leapgap.jumping.experiments.settings import PlanSource
+from leapgap.jumping.experiments.rig import PlanSource, Rig
 from leapgap.jumping.models.planar import PlanarRobot, planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.jumping.planning.reference import name_of, reference_to, select_planar_robot

@@ -1,4 +1,4 @@
-"""A jump as a task: its contact schedule and its target, and where the metadata of a log hold them."""
+"""A jump as a task: contact schedule, target, joint gains; and where the metadata of a log hold schedule and target."""
 
 import itertools
 from collections.abc import Sequence
@@ -18,17 +18,12 @@ STAND = "stand"  # Segment of a log before its first jump begins
 class ContactSchedule:
     """Lengths of the phases of a jump, s, in their order.
 
-    The published jumps use 500/300/400 ms: all feet, rear feet, none.
+    The published jumps use 500/300/400 ms: all feet (until the front pair lifts off), rear feet, none.
     """
 
     double_contact_s: float = 0.5
     rear_contact_s: float = 0.3
     flight_s: float = 0.4
-
-    @property
-    def front_lift_off_s(self) -> float:
-        """When the front pair is planned to leave the ground."""
-        return self.double_contact_s
 
     @property
     def take_off_s(self) -> float:
@@ -47,12 +42,12 @@ class ContactSchedule:
         as on it, so that 0.8 written as 8 × 0.1 does not push one tick too long.
         """
         t = np.asarray(time_s, dtype=float) + 1e-6
-        return np.stack([t < self.front_lift_off_s, t < self.take_off_s], axis=-1)
+        return np.stack([t < self.double_contact_s, t < self.take_off_s], axis=-1)
 
     def pairs_in_contact(self, time_s: float) -> tuple[bool, bool]:
         """``in_contact`` of the front and the rear pair at one moment."""
         t = time_s + 1e-6
-        return t < self.front_lift_off_s, t < self.take_off_s
+        return t < self.double_contact_s, t < self.take_off_s
 
 
 @dataclass(frozen=True)
@@ -61,6 +56,18 @@ class Target:
 
     x_m: float
     z_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class JointGains:
+    """Gains of the joint PD controller."""
+
+    kp_nm_per_rad: float = 300.0
+    kd_nms_per_rad: float = 3.0
+
+    def __post_init__(self) -> None:
+        if not all(0 <= gain < np.inf for gain in (self.kp_nm_per_rad, self.kd_nms_per_rad)):
+            raise ValueError("gains finite and not below 0")
 
 
 SCHEDULE, TARGET = "schedule", "target"  # Keys of a jump in the metadata of its log

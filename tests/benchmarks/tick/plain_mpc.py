@@ -9,8 +9,7 @@ from leapgap.jumping.control.condensed_qp import Horizon, horizon
 from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
 from leapgap.jumping.control.mpc import MpcConfig
 from leapgap.jumping.control.tracking import Reference
-from leapgap.jumping.models.affine_model import Situation, columns
-from leapgap.jumping.models.rigid_body import GRAVITY
+from leapgap.jumping.models.rigid_body import GRAVITY, Situation, columns
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, per_axis
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate

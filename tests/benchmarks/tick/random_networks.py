@@ -13,8 +13,7 @@ from leapgap.jumping.learning.models.residual_networks import (
 )
 from leapgap.jumping.learning.recipe import DeviationTask
 from leapgap.jumping.learning.windows import Purpose, TimeGrid
-from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation, rows, selection
-from leapgap.jumping.models.rigid_body import GRAVITY
+from leapgap.jumping.models.rigid_body import GRAVITY, AffineModel, PredictionModel, Situation, rows, selection
 from leapgap.jumping.task import ContactSchedule
 from tests.conftest import A1_BODY
 

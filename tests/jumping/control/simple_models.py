@@ -5,10 +5,22 @@ import numpy as np
 from leapgap.jumping.control.goal_shift_mpc import CalmMotion
 from leapgap.jumping.control.qp import Qp, QpSolution
 from leapgap.jumping.control.tracking import Reference
-from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
-from leapgap.jumping.models.rigid_body import PITCH, PITCH_RATE, VX, VZ, RigidBody, X, Z, advance
+from leapgap.jumping.models.rigid_body import (
+    PITCH,
+    PITCH_RATE,
+    VX,
+    VZ,
+    AffineModel,
+    PredictionModel,
+    RigidBody,
+    Situation,
+    X,
+    Z,
+    advance,
+)
 from leapgap.jumping.task import ContactSchedule
 from leapgap.simulation.controller import StateEstimate
+from tests.jumping.rigid_motion import step
 
 CROUCH = np.tile([0.0, 1.2566371, -2.3561945], 4)
 FEET = np.array([0.18, -0.17, -0.18, -0.17])
@@ -27,7 +39,7 @@ def rigid_reference(body: RigidBody, step_s: float = 0.025, schedule: ContactSch
     for u in force:
         moved = state[-1]
         foot.append(FEET - np.tile([moved[X], moved[Z] - 0.2], 2))
-        state.append(body.step(moved, foot[-1], u, step_s))
+        state.append(step(body, moved, foot[-1], u, step_s))
     flight = [state[-1]]
     for _ in range(round(schedule.flight_s / 0.1)):
         flight.append(advance(flight[-1], np.array([0, -9.81, 0.0]), 0.1))

@@ -9,8 +9,7 @@ from leapgap.jumping.control import compiler
 from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig, StateWeights
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.jumping.models.affine_model import AffineModel
-from leapgap.jumping.models.rigid_body import DeviationModel, NominalDeviation, PlannedSteps
+from leapgap.jumping.models.rigid_body import AffineModel, DeviationModel, NominalDeviation, PlannedSteps
 from leapgap.logs.pair_force import per_axis
 from tests.conftest import A1_BODY
 from tests.jumping.control.simple_models import rigid_reference

@@ -18,8 +18,7 @@ from leapgap.jumping.control.mpc import ForcePlanner, JumpMpc, MpcConfig
 from leapgap.jumping.control.qp import FAILED, NOT_FINITE
 from leapgap.jumping.control.tracking import PhaseGains, Reference
 from leapgap.jumping.learning.windows import Purpose, TimeGrid
-from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
-from leapgap.jumping.models.rigid_body import RigidBodyModel
+from leapgap.jumping.models.rigid_body import AffineModel, PredictionModel, RigidBodyModel, Situation
 from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import per_axis

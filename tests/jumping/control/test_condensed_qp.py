@@ -7,8 +7,7 @@ from scipy import optimize
 from leapgap.jumping.control.condensed_qp import ForceLimits, Horizon, horizon, prepare_qp
 from leapgap.jumping.control.qp import QpConfig, solver
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.jumping.models.affine_model import AffineModel
-from leapgap.jumping.models.rigid_body import advance
+from leapgap.jumping.models.rigid_body import AffineModel, advance
 from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z
 from tests.conftest import A1_BODY

@@ -82,7 +82,7 @@ def follow(
 
 def test_a_robot_that_is_suddenly_too_fast_is_sent_to_a_nearer_goal(tracker: ShiftTracker) -> None:
     follow(tracker, 0.6, faster_m_s=0.15)
-    assert tracker.deviations[24, 3] == pytest.approx(0.15, abs=1e-6)
+    assert tracker.recorder.deviations[24, 3] == pytest.approx(0.15, abs=1e-6)
     assert (np.diff(tracker.shifts[:25, 0]) <= 1e-9).all()
     assert tracker.shifts[8, 0] == 0.0
     assert tracker.shifts[24, 0] < -0.02
@@ -93,7 +93,7 @@ def test_a_robot_that_is_suddenly_too_fast_is_sent_to_a_nearer_goal(tracker: Shi
 def test_on_the_plan_nothing_is_shifted(tracker: ShiftTracker) -> None:
     follow(tracker, 0.9)
     assert np.abs(tracker.shifts).max() == 0
-    assert np.abs(tracker.deviations).max() < 1e-6
+    assert np.abs(tracker.recorder.deviations).max() < 1e-6
 
 
 def test_what_cannot_be_measured_holds_the_shift_and_is_counted(tracker: ShiftTracker) -> None:

@@ -35,7 +35,7 @@ def test_steps_end_at_take_off_and_at_the_landing_from_any_time(grid: TimeGrid, 
 @pytest.mark.parametrize("schedule", SCHEDULES)
 def test_the_pairs_push_as_long_as_scheduled(schedule: ContactSchedule) -> None:
     steps = horizon(TimeGrid(0.025, 0.1, 100), schedule, 0.0)
-    assert steps.step_s @ steps.share == pytest.approx([schedule.front_lift_off_s, schedule.take_off_s])
+    assert steps.step_s @ steps.share == pytest.approx([schedule.double_contact_s, schedule.take_off_s])
 
 
 def test_contact_steps_shrink_as_take_off_nears_and_ten_reach_the_landing() -> None:

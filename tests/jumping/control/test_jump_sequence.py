@@ -31,6 +31,7 @@ from leapgap.simulation.replay import Replayer
 from leapgap.simulation.sensors import SensorNoise
 from tests.conftest import A1_BODY
 from tests.jumping.control.simple_models import CROUCH, estimate
+from tests.jumping.rigid_motion import step
 
 REST = np.array([0.0, 0.1726, 0, 0, 0, 0])
 
@@ -69,7 +70,7 @@ def test_forces_bring_the_body_to_rest(robot: Robot, component: int, off: float)
         force = controller.command(estimate(tick / 1000, state, CROUCH)).planned_force
         assert (np.abs(force[FORCE_X]) <= 0.6 * force[FORCE_Z] + 1e-6).all()
         assert ((force[FORCE_Z] >= 10 - 1e-6) & (force[FORCE_Z] <= 350 + 1e-6)).all()
-        state = body.step(state, (foot_in_world - state[:2]).ravel(), force, 0.001)
+        state = step(body, state, (foot_in_world - state[:2]).ravel(), force, 0.001)
     assert not controller.fallbacks
     assert abs(state[2:]).max() < 0.3 * worst.max()
 

@@ -8,6 +8,7 @@ from leapgap.jumping.control.leg_kinematics import LegKinematics
 from leapgap.jumping.models.rigid_body import RigidBody
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
+from tests.jumping.rigid_motion import acceleration
 
 
 def random_pose(seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -63,7 +64,7 @@ def test_pitch_of_the_rigid_body_has_the_sign_of_mujoco(robot: Robot) -> None:
         mujoco.mj_forward(model, data)
         mujoco.mj_applyFT(model, data, push, np.zeros(3), point, 1, data.qfrc_applied)
     mujoco.mj_forward(model, data)
-    expected = RigidBody(12.453, 0.347).acceleration(foot, force)
+    expected = acceleration(RigidBody(12.453, 0.347), foot, force)
     nose_down_first = data.qacc[4]  # about y: from z to x
     assert (data.qacc[0], data.qacc[2], nose_down_first) == pytest.approx(tuple(expected))
 

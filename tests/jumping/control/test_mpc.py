@@ -17,12 +17,23 @@ from leapgap.jumping.control.qp import (
     solver,
 )
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
-from leapgap.jumping.models.rigid_body import PITCH, PITCH_RATE, VX, VZ, RigidBodyModel, X, Z
+from leapgap.jumping.models.rigid_body import (
+    PITCH,
+    PITCH_RATE,
+    VX,
+    VZ,
+    AffineModel,
+    PredictionModel,
+    RigidBodyModel,
+    Situation,
+    X,
+    Z,
+)
 from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z
 from tests.conftest import A1_BODY
 from tests.jumping.control.simple_models import Counting, rigid_reference
+from tests.jumping.rigid_motion import acceleration, step
 
 BODY = A1_BODY
 REFERENCE = rigid_reference(BODY)
@@ -50,7 +61,7 @@ def test_in_closed_loop_on_the_exact_model_a_disturbed_body_returns_to_the_refer
     for time_s in np.arange(0, 0.5, 0.025):
         row = REFERENCE.row(time_s)
         force = mpc.plan(time_s, state, REFERENCE.foot[row]).force[0]
-        state = BODY.step(state, REFERENCE.foot[row], force, 0.025)
+        state = step(BODY, state, REFERENCE.foot[row], force, 0.025)
     assert state == pytest.approx(REFERENCE.state[500], abs=0.01)
 
 
@@ -72,7 +83,7 @@ def test_a_body_too_far_nose_down_is_turned_nose_up(component: int, off: float) 
     state = REFERENCE.state[row].copy()
     state[component] += off
     force = planner().plan(0.1, state, REFERENCE.foot[row]).force[0]
-    turned, planned = (BODY.acceleration(REFERENCE.foot[row], each) for each in (force, REFERENCE.force[row]))
+    turned, planned = (acceleration(BODY, REFERENCE.foot[row], each) for each in (force, REFERENCE.force[row]))
     assert turned[2] < planned[2] - 0.5
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.border import JointGains
 from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
 from leapgap.jumping.control.mpc import POSE_NOT_FINITE, DepartingMpc, JumpMpc, MpcConfig
 from leapgap.jumping.control.qp import NOT_FINITE
 from leapgap.jumping.control.tracking import JointPd, PhaseGains, Reference
 from leapgap.jumping.models.rigid_body import NominalDeviation, RigidBodyModel
+from leapgap.jumping.task import JointGains
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate

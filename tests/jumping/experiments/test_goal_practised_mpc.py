@@ -16,13 +16,11 @@ from leapgap.jumping.experiments.goal_directed_jump import (
 )
 from leapgap.jumping.experiments.method import JumpTask
 from leapgap.jumping.experiments.methods.mpc import GoalMpcMethod, round_trials
-from leapgap.jumping.experiments.rig import Bench
-from leapgap.jumping.experiments.settings import GoalOffsets, PracticeRounds
+from leapgap.jumping.experiments.rig import Bench, GoalOffsets, PracticeRounds
 from leapgap.jumping.experiments.trial import TrialResult
 from leapgap.jumping.learning.window_extraction import deviating_jump
-from leapgap.jumping.models.affine_model import AffineModel
 from leapgap.jumping.models.planar import planar_robot
-from leapgap.jumping.models.rigid_body import DeviationModel, NominalDeviation, PlannedSteps
+from leapgap.jumping.models.rigid_body import AffineModel, DeviationModel, NominalDeviation, PlannedSteps
 from leapgap.jumping.task import Target
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.sensors import SensorNoise

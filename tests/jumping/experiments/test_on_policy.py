@@ -11,8 +11,7 @@ from leapgap.jumping.experiments.goal_directed_jump import LandingSamples
 from leapgap.jumping.experiments.method import MpcMethod
 from leapgap.jumping.experiments.methods import mpc
 from leapgap.jumping.experiments.methods.mpc import Practised, Round, judged, practise
-from leapgap.jumping.experiments.rig import Bench, TrialRunner
-from leapgap.jumping.experiments.settings import LearnedMpcConfig, PracticeRounds
+from leapgap.jumping.experiments.rig import Bench, LearnedMpcConfig, PracticeRounds, TrialRunner
 from leapgap.jumping.experiments.trial import TrialSpec
 from leapgap.jumping.learning.window_extraction import DeviatingJump
 from leapgap.jumping.models.rigid_body import NominalDeviation, PlannedSteps

@@ -17,8 +17,7 @@ from leapgap.jumping.experiments.goal_directed_jump import (
 from leapgap.jumping.experiments.method import AimingMethod, JointPdMethod, JumpTask
 from leapgap.jumping.experiments.methods.joint_pd import learn_shift
 from leapgap.jumping.experiments.methods.ours import adapt_offsets
-from leapgap.jumping.experiments.rig import Bench
-from leapgap.jumping.experiments.settings import AdaptConfig, GoalOffsets, PracticeConfig
+from leapgap.jumping.experiments.rig import AdaptConfig, Bench, GoalOffsets, PracticeConfig
 from leapgap.jumping.experiments.training_jumps import run_practice
 from leapgap.jumping.experiments.trial import Landing, RunMetrics, TrialResult, TrialSpec
 from leapgap.jumping.models.planar import planar_robot

@@ -11,10 +11,11 @@ from leapgap.jumping.control.mpc import MpcConfig
 from leapgap.jumping.experiments.goal_directed_jump import OTHER_PLAN, GoalDirectedJump, JumpPlanner, target_pose
 from leapgap.jumping.experiments.method import AimingMethod, JointPdMethod, JumpTask, MpcMethod
 from leapgap.jumping.experiments.rig import Bench
-from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task, landing_pose, landing_samples, pair_force
+from leapgap.jumping.experiments.trial import TrialOutcome, attempt_task, landing_pose, landing_samples
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body import RigidBodyModel
 from leapgap.jumping.task import ContactSchedule, Target
+from leapgap.logs.pair_force import per_pair
 from tests.conftest import A1_BODY
 
 TASK = JumpTask("jump_50", 0.5)
@@ -62,7 +63,7 @@ def test_jumps_in_a_row_are_each_judged_from_their_own_take_off(bench: Bench, jo
 
 def test_conduct_is_judged_by_true_forces(bench: Bench, joint_pd: JointPdMethod) -> None:
     found = outcome(bench, joint_pd)
-    force = pair_force(found.run, bench.robot)
+    force = per_pair(bench.robot, found.run.ground_force)
     assert 200 < found.metrics.force_n < 400  # planned: 236 N at the rear
     assert force[:400].mean(axis=0)[[1, 3]].sum() == pytest.approx(12.453 * 9.81, rel=0.1)  # it hardly rises yet
     assert 0.1 < found.metrics.friction < 0.8  # friction of the ground

@@ -38,7 +38,7 @@ from leapgap.jumping.experiments.method import JumpTask
 from leapgap.jumping.experiments.trial import TrialSetup, attempt_task
 from leapgap.jumping.export.write import write_controller
 from leapgap.jumping.models.planar import planar_robot
-from leapgap.jumping.planning.reference import Gains, to_jump
+from leapgap.jumping.planning.reference import to_jump
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
@@ -101,7 +101,7 @@ def shifted(robot: Robot) -> ShiftedPlan:
     planner, target = JumpPlanner(planar_robot(robot), limits=AIMING_LIMITS), Target(0.5)
     solution = planner.plan(target, GOAL, STANCE)
     assert solution is not None
-    reference = Reference.of(to_jump(solution, Gains()), robot)
+    reference = Reference.of(to_jump(solution), robot)
     plan = shifted_plan(planner, solution, reference, robot)
     slopes = stance_slopes(planner, solution, reference, robot)
     assert plan is not None and slopes is not None
@@ -121,9 +121,8 @@ def learned(own: int) -> LandingFeedback:
     far = near * np.linspace(1.3, 0.8, UPDATES)[:, None, None]
     shifts = Authority(np.stack([near, far]), 0.01 * near[None], np.array([0.5, 0.7]))
     config = FeedbackConfig()
-    base = LandingModel(landings(2 * own, 0.0, rng), AimConfig())
     return LandingFeedback(
-        LandingModel(landings(own, 0.02, rng), AimConfig(), base),
+        LandingModel(landings(3 * own, 0.02, rng), AimConfig()),
         shifts,
         learn_calm(calm_deviations(own, rng), config),
         learn_change(kicked(10 * own, rng), config),

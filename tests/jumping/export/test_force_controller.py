@@ -10,7 +10,6 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.jumping.control import compiler
-from leapgap.jumping.control.border import JointGains
 from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.mpc import DepartingMpc, JumpMpc, MpcConfig, StateWeights
 from leapgap.jumping.control.tracking import PhaseGains, Reference
@@ -18,8 +17,8 @@ from leapgap.jumping.experiments.method import JumpTask
 from leapgap.jumping.experiments.trial import TrialSetup, attempt_task
 from leapgap.jumping.export.tables import force_tables_of
 from leapgap.jumping.export.write import write_controller
-from leapgap.jumping.models.affine_model import AffineModel
-from leapgap.jumping.models.rigid_body import DeviationModel, NominalDeviation, PlannedSteps
+from leapgap.jumping.models.rigid_body import AffineModel, DeviationModel, NominalDeviation, PlannedSteps
+from leapgap.jumping.task import JointGains
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate

@@ -24,8 +24,7 @@ from leapgap.jumping.learning.models.residual_networks import (
     initial_published_networks,
 )
 from leapgap.jumping.learning.windows import Purpose, TimeGrid, Windows
-from leapgap.jumping.models.affine_model import FEATURES, Situation
-from leapgap.jumping.models.rigid_body import RigidBody
+from leapgap.jumping.models.rigid_body import FEATURES, RigidBody, Situation
 from leapgap.jumping.task import ContactSchedule
 from tests.conftest import A1_BODY
 

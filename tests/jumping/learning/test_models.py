@@ -12,8 +12,7 @@ from leapgap.jumping.learning.models import kernel
 from leapgap.jumping.learning.models.kernel import KernelConfig
 from leapgap.jumping.learning.models.nominal import ConstantVelocity, NominalModel, Playback, fit_gains
 from leapgap.jumping.learning.windows import RolloutInputs, Windows, extract_transitions
-from leapgap.jumping.models.affine_model import FEATURES, AffineModel, Situation
-from leapgap.jumping.models.rigid_body import RigidBody
+from leapgap.jumping.models.rigid_body import FEATURES, AffineModel, RigidBody, Situation
 from tests.conftest import A1_BODY
 from tests.jumping.learning.conftest import TRUE_GAINS
 

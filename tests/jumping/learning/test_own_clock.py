@@ -16,13 +16,12 @@ from leapgap.logs.row_clock import RowClock
 from leapgap.logs.row_clock_estimate import uneven_clocks
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import read_json
-from stages.chunk import chunk
 from stages.train import train
 from tests.benchmarks import clock_comparison
 from tests.benchmarks.clock_comparison import CLAIMED, EXPECTED, OWN
 from tests.conftest import A1_BODY
 from tests.jumping.learning.plain_mass import FORWARD_M_S, SCHEDULED_ROWS, STEP_S, PlainJump, plain_jump
-from tests.jumping.learning.test_stages import config, write_logs
+from tests.jumping.learning.test_stages import config
 
 BODY: Model = NominalModel(Nominal(A1_BODY, curvature=0.5))
 
@@ -40,8 +39,7 @@ def claimed(jumps: list[PlainJump], robot: Robot) -> Windows:
 
 @pytest.fixture(scope="module")
 def own(jumps: list[PlainJump], robot: Robot) -> Windows:
-    logs = [one.log for one in jumps]
-    return window_extraction.cut(logs, TimeGrid(), robot, clocks=uneven_clocks(logs, robot.joints))
+    return clock_comparison.cut_by_own_clock([one.log for one in jumps], TimeGrid(), robot)
 
 
 def held_out(cut: Windows, model: Model = BODY) -> HeldOutPredictions:
@@ -149,12 +147,12 @@ def test_windows_by_the_own_clock_are_kept_as_they_are(own, tmp_path):
         windows.write(replace(own, step_s=-own.step_s), tmp_path / "backwards")
 
 
-def test_a_step_without_any_time_is_refused(jumps, robot):
+def test_a_step_without_any_time_is_refused(jumps):
     log, instants = jumps[0].log, jumps[0].instants.copy()
     instants[50:76] = instants[50]
     clock = RowClock(instants, {}, STEP_S, {})
     with pytest.raises(InputError, match="jump_00, rows 50 to 75: found no time that passed, by the log's own clock"):
-        window_extraction.cut([log], TimeGrid(), robot, clocks={"jump_00": clock})
+        clock_comparison.by_own_clock(log, clock, SCHEDULED_ROWS)
 
 
 def test_windows_of_other_rows_are_not_compared(claimed, own):
@@ -162,15 +160,12 @@ def test_windows_of_other_rows_are_not_compared(claimed, own):
         clock_comparison.compare(held_out(claimed), held_out(own.of_jumps(own.jumps[1:])))
 
 
-def test_stages_train_and_judge_by_both_clocks(jumps: list[PlainJump], tmp_path: Path, capsys):
-    write_logs([one.log for one in jumps], tmp_path / "logs")
-    by_own = {"chunk.clock": "own", "chunk.out": tmp_path / "own", "train.windows": tmp_path / "own"}
-    for changes in ({}, {**by_own, "train.out": tmp_path / "own_models"}):
+def test_models_are_trained_and_judged_by_both_clocks(claimed: Windows, own: Windows, tmp_path: Path):
+    windows.write(claimed, tmp_path / "windows")
+    windows.write(own, tmp_path / "own")
+    for changes in ({}, {"train.windows": tmp_path / "own", "train.out": tmp_path / "own_models"}):
         models = {"train.models": ["nominal_fitted", "kernel"], "train.curvature": 0.5, "train.processes": 1}
-        whole = config(tmp_path, **models, **changes)
-        chunk(whole)
-        train(whole)
-    assert "4 of 4 logs cut by their own clock" in capsys.readouterr().out
+        train(config(tmp_path, **models, **changes))
     by_both = [
         evaluation.predict_held_out(windows.read(tmp_path / cut), tmp_path / models, "fold")
         for cut, models in (("windows", "models"), ("own", "own_models"))
@@ -180,12 +175,6 @@ def test_stages_train_and_judge_by_both_clocks(jumps: list[PlainJump], tmp_path:
     assert found["one_step_rms"]["own"]["contact"]["kernel"]["x"] < 1.5e-3 < 6e-3
     assert found["one_step_rms"]["claimed"]["contact"]["nominal_fitted"]["x"] > 6e-3
     assert set(found["coverage"]) == {"claimed", "own"} and "95" in found["coverage"]["own"]["kernel"]
-
-
-def test_settings_that_contradict_are_named(jumps, tmp_path):
-    write_logs([jumps[0].log], tmp_path / "logs")
-    with pytest.raises(InputError, match=r"chunk\.clock: found mine; expected claimed or own"):
-        chunk(config(tmp_path, **{"chunk.clock": "mine"}))
 
 
 def test_the_mass_moves_as_physics_says(jumps):

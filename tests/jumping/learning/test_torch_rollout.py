@@ -14,8 +14,7 @@ from leapgap.jumping.learning.models.residual_networks import (
     initial_published_networks,
 )
 from leapgap.jumping.learning.windows import Purpose, Windows
-from leapgap.jumping.models.affine_model import Situation
-from leapgap.jumping.models.rigid_body import RigidBody
+from leapgap.jumping.models.rigid_body import RigidBody, Situation
 from tests.conftest import A1_BODY
 from tests.jumping.learning.test_training import NETWORKS, same
 

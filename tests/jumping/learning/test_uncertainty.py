@@ -13,7 +13,7 @@ from leapgap.jumping.learning.models import kernel
 from leapgap.jumping.learning.models.kernel import KernelConfig, KernelModel
 from leapgap.jumping.learning.models.nominal import fit_gains
 from leapgap.jumping.learning.windows import Windows
-from leapgap.jumping.models.affine_model import FEATURES
+from leapgap.jumping.models.rigid_body import FEATURES
 from stages.compose import compose_conf
 from tests.conftest import A1_BODY
 

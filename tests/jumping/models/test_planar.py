@@ -8,14 +8,15 @@ import pytest
 
 from leapgap.errors import InputError
 from leapgap.jumping.models.planar import A1_JOINTS, PlanarRobot, planar_robot
-from leapgap.jumping.planning.dynamics import CROUCH, centre_of_mass, legs
+from leapgap.jumping.planning.dynamics import CROUCH, legs
 from leapgap.jumping.planning.problem import Problem
-from leapgap.jumping.planning.reference import Gains, to_jump
+from leapgap.jumping.planning.reference import to_jump
 from leapgap.jumping.planning.solve import solve
 from leapgap.jumping.task import Target
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import DEFAULT_MODEL, Robot
+from tests.jumping.planning.centre_of_mass import centre_of_mass
 from tests.robot.quadrupeds import FIGURES, write
 
 
@@ -62,9 +63,9 @@ def test_another_quadruped_jumps_without_a_change_of_code(name: str, tmp_path: P
     assert planar.total_mass == pytest.approx(other.total_mass)
     assert other.joint_groups == ("hip", "thigh", "calf")
     solution = solve(Problem(Target(0.4), robot=planar))
-    assert solution.solved, solution.reason
+    assert solution.solved, solution.status
     assert np.abs(solution.trajectory.torque[:, ::2]).max() <= 2 * FIGURES[name].thigh_torque + 1e-6
-    jump = to_jump(solution, Gains())
+    jump = to_jump(solution)
     assert jump.info.robot == name
     positions, quaternions = jump.stack(BASE_POSITION), jump.stack(BASE_QUATERNION)
     feet = feet_in_world(other, positions, quaternions, jump.per_joint("joint_pos", other.joints))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from leapgap.jumping.planning.problem import Problem
-from leapgap.jumping.planning.reference import Gains, to_jump
+from leapgap.jumping.planning.reference import to_jump
 from leapgap.jumping.planning.solve import Solution, solve
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
@@ -34,7 +34,7 @@ def solutions() -> dict[str, Solution]:
 
 @pytest.fixture(scope="session")
 def references(solutions: dict[str, Solution]) -> dict[str, Log]:
-    return {name: to_jump(solution, Gains()) for name, solution in solutions.items()}
+    return {name: to_jump(solution) for name, solution in solutions.items()}
 
 
 @pytest.fixture

@@ -3,14 +3,14 @@ import json
 import pytest
 
 from leapgap.errors import InputError
-from leapgap.jumping.planning.reference import Gains, metrics, read_targets, timing, write_references
-from leapgap.jumping.task import Target, target_of
+from leapgap.jumping.planning.reference import metrics, read_targets, timing, write_references
+from leapgap.jumping.task import JointGains, Target, target_of
 from leapgap.logs.log import read_log
 
 
 def test_index_lists_the_references_in_order(solutions, tmp_path):
     chosen = [solutions["h20_d60"], solutions["h00_d40"]]
-    write_references(chosen, tmp_path, Gains(kp_nm_per_rad=80.0))
+    write_references(chosen, tmp_path, JointGains(kp_nm_per_rad=80.0))
     index = json.loads((tmp_path / "references.json").read_text())
     assert [(row["x_m"], row["z_m"], row["file"]) for row in index] == [
         (0.6, 0.2, "h20_d60.parquet"),

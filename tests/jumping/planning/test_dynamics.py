@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from leapgap.jumping.models.planar import PlanarRobot, planar_robot
-from leapgap.jumping.planning.dynamics import CROUCH, centre_of_mass, inverse_dynamics_residual, legs
+from leapgap.jumping.planning.dynamics import CROUCH, inverse_dynamics_residual, legs
 from leapgap.robot.model import Robot
+from tests.jumping.planning.centre_of_mass import centre_of_mass
 from tests.jumping.planning.lagrangian import residual
 
 # Link angles (trunk, front thigh, front calf, rear thigh, rear calf) by pitch and joints.

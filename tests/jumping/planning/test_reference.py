@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 
 from leapgap.jumping.models.planar import PlanarRobot
-from leapgap.jumping.planning.dynamics import centre_of_mass
 from leapgap.jumping.planning.problem import terrain
 from leapgap.jumping.planning.reference import motion, name_of
 from leapgap.jumping.task import Target, target_of
 from leapgap.logs.log import read_log, write_log
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
+from tests.jumping.planning.centre_of_mass import centre_of_mass
 from tests.jumping.planning.conftest import PUBLISHED_COST
 
 NAMES = sorted(PUBLISHED_COST)

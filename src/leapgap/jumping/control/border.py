@@ -6,11 +6,12 @@ time is usable again.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from leapgap.jumping.task import JointGains
 from leapgap.logs.pair_force import by_pair, flat
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
@@ -24,18 +25,6 @@ LONGEST_GAP_S = 1.0  # Longest time between two ticks that follow each other
 LARGEST_TIME_S = 1e9
 NUMBERS = (int, float, np.floating, np.integer)
 FLOAT, BOOL = np.dtype(np.float64), np.dtype(bool)
-
-
-@dataclass(frozen=True)
-class JointGains:
-    """Gains of the joint PD controller."""
-
-    kp_nm_per_rad: float = 300.0
-    kd_nms_per_rad: float = 3.0
-
-    def __post_init__(self) -> None:
-        if not all(0 <= gain < np.inf for gain in (self.kp_nm_per_rad, self.kd_nms_per_rad)):
-            raise ValueError("gains finite and not below 0")
 
 
 HOLD_TICKS = 20  # Ticks without a usable time for which the last command is repeated

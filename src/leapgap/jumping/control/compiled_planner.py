@@ -4,14 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from leapgap.jumping.control import qp
 from leapgap.jumping.control.compiler import compiled, require_compiler
 from leapgap.jumping.control.condensed_qp import STATES, PreparedQp
-from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig, Solved, microseconds
-from leapgap.jumping.control.qp import FAILED as REASON_FAILED
-from leapgap.jumping.control.qp import NOT_FINITE as REASON_NOT_FINITE
+from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig, microseconds
+from leapgap.jumping.control.qp import GuardedSolution
 from leapgap.jumping.control.tracking import Reference
-from leapgap.jumping.models.affine_model import PredictionModel
-from leapgap.jumping.models.rigid_body import DeviationModel
+from leapgap.jumping.models.rigid_body import DeviationModel, PredictionModel
 
 SOLVED, NOT_FINITE, INACCURATE, FAILED = 0, 1, 2, 3  # What ``solve_update`` returns
 VIOLATION_N = 1e-7  # Violation of a limit that counts as none, N
@@ -50,11 +49,8 @@ class DualTables:
 def dual_tables(ready: PreparedQp, tolerance_n: float, relative_tolerance: float) -> DualTables:
     """The tables of one update, with no row active at first."""
     # All limits as rows ≤ bounds; F_z ≥ 0 is left out, since the friction cone implies it.
-    eye, above, below = (
-        np.eye(len(ready.lower)),
-        np.isfinite(ready.upper),
-        np.isfinite(ready.lower) & (ready.lower != 0),
-    )
+    eye, above = np.eye(len(ready.lower)), np.isfinite(ready.upper)
+    below = np.isfinite(ready.lower) & (ready.lower != 0)
     rows = np.concatenate([ready.rows, eye[above], -eye[below]])
     bounds = np.concatenate([ready.row_upper, ready.upper[above], -ready.lower[below]])
     later_rows = rows[:, len(ready.first) :]
@@ -311,7 +307,7 @@ def solve_update(state, foot, model, iterations, tables):  # type: ignore[no-unt
     return SOLVED if sound else INACCURATE, x, active, size
 
 
-FAULTS = {SOLVED: None, NOT_FINITE: REASON_NOT_FINITE, INACCURATE: "inaccurate", FAILED: REASON_FAILED}
+FAULTS = {NOT_FINITE: qp.NOT_FINITE, INACCURATE: "inaccurate", FAILED: qp.FAILED}
 
 
 class CompiledPlanner(ForcePlanner):
@@ -324,13 +320,13 @@ class CompiledPlanner(ForcePlanner):
         super().__init__(reference, model, config)
         self._tables = {key: update_tables(self, key / 1e6, ready).arguments for key, ready in self.prepared.items()}
 
-    def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Solved:
+    def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> GuardedSolution:
         """See ``ForcePlanner``."""
         tables = self._tables.get(microseconds(time_s)) or update_tables(self, time_s, prepared).arguments
         state, foot = np.array(self.formulation.start(time_s, state), float), np.array(foot, float)  # as compiled for
         model = self.first_step(state, foot, time_s)
         status, x, _, _ = solve_update(state, foot, model, self.config.qp.max_iterations, tables)
-        return Solved(x, None, FAULTS[status])
+        return GuardedSolution(x if status == SOLVED else None, FAULTS.get(status, ""))
 
 
 def update_tables(planner: ForcePlanner, time_s: float, prepared: PreparedQp) -> DualTables:

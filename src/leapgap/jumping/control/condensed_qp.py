@@ -16,8 +16,7 @@ import numpy as np
 
 from leapgap.jumping.control.qp import Qp
 from leapgap.jumping.learning.windows import TimeGrid
-from leapgap.jumping.models.affine_model import AffineModel
-from leapgap.jumping.models.rigid_body import POSITION, VELOCITY, advance
+from leapgap.jumping.models.rigid_body import POSITION, VELOCITY, AffineModel, advance
 from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, FORCES, per_axis
 
@@ -67,7 +66,7 @@ def horizon(grid: TimeGrid, schedule: ContactSchedule, time_s: float) -> Horizon
             first += 1
     times = np.concatenate([[time_s], ends[first : first + grid.steps]])
     begin, length = times[:-1, None], np.diff(times)[:, None]
-    share = np.clip((np.array([schedule.front_lift_off_s, schedule.take_off_s]) - begin) / length, 0.0, 1.0)
+    share = np.clip((np.array([schedule.double_contact_s, schedule.take_off_s]) - begin) / length, 0.0, 1.0)
     share[share * length < ROUNDING_S] = 0.0
     share[(1 - share) * length < ROUNDING_S] = 1.0
     return Horizon(times, share)
@@ -92,10 +91,11 @@ class ForceLimits:
             raise ValueError(f"{self}: from_plan_n finite and above 0, or none")
 
     def within(self, force: np.ndarray) -> np.ndarray:
-        """Forces (4,), N, of both pairs, each axis moved to its nearest value within bounds and cone."""
+        """Forces (…, 4), N, of both pairs, each axis moved to its nearest value within bounds and cone."""
         found = force.copy()
-        found[FORCE_Z] = np.clip(force[FORCE_Z], self.smallest_n, self.largest_n)
-        found[FORCE_X] = np.clip(force[FORCE_X], -self.friction * found[FORCE_Z], self.friction * found[FORCE_Z])
+        found[..., FORCE_Z] = np.clip(force[..., FORCE_Z], self.smallest_n, self.largest_n)
+        widest = self.friction * found[..., FORCE_Z]
+        found[..., FORCE_X] = np.clip(force[..., FORCE_X], -widest, widest)
         return found
 
 
@@ -225,9 +225,7 @@ def constraints(
     x = z - 1  # F_x of the same pair stands just before it
     lower[z], upper[z] = limits.smallest_n, limits.largest_n
     if limits.from_plan_n is not None:
-        middle = planned[pushing]
-        middle[z] = np.clip(middle[z], limits.smallest_n, limits.largest_n)
-        middle[x] = np.clip(middle[x], -limits.friction * middle[z], limits.friction * middle[z])
+        middle = limits.within(planned)[pushing]
         lower = np.maximum(lower, middle - limits.from_plan_n)
         upper = np.minimum(upper, middle + limits.from_plan_n)
     rows = np.zeros((2 * len(z), count))

@@ -33,32 +33,6 @@ class LateStance:
         return np.array([np.interp(pitch, self.pitches, self.goals[:, axis]) for axis in range(GOAL_AXES)])
 
 
-class StanceMeter:
-    """Mean pitch of the ground under the feet, and mean height of the base, over the estimates that were taken in."""
-
-    def __init__(self, legs: LegKinematics) -> None:
-        self.legs = legs
-        self.count = 0
-        self._pitch = self._height = 0.0
-
-    def measure(self, estimate: StateEstimate) -> None:
-        """Take in an estimate; one of which something is missing is left out."""
-        if np.isfinite([*estimate.base_position, *estimate.base_quaternion, *estimate.joint_pos]).all():
-            self.count += 1
-            self._pitch += ground_pitch(estimate, self.legs)
-            self._height += float(estimate.base_position[2])
-
-    @property
-    def pitch(self) -> float:
-        """Of the ground, rad, nose-down; asked after the first estimate."""
-        return self._pitch / self.count
-
-    @property
-    def height_m(self) -> float:
-        """Of the base in the world, m; asked after the first estimate."""
-        return self._height / self.count
-
-
 @dataclass(frozen=True)
 class Transition:
     """The way from the plan of the expected stance to that of the measured one, linear in time."""
@@ -133,7 +107,7 @@ class ShiftTracker(JumpController):
         """Shift of this tick, and its rate per s; of the stance as well where that was measured late, (4,)."""
         self._updates = 0
         self.late = late  # What is still to be measured; None afterwards
-        self._meter = StanceMeter(self.legs)
+        self._stances: list[tuple[float, float]] = []  # Pitch of the ground, rad, and height of the base, m
         self._transition: Transition | None = None
 
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
@@ -173,30 +147,32 @@ class ShiftTracker(JumpController):
     def _measure_stance(
         self, late: LateStance, time_s: float, estimate: StateEstimate, frame: StartFrame
     ) -> StartFrame:
-        """Take in an estimate; at the end choose goal and target for the stance. Returns the frame to count from."""
+        """Take in a whole estimate; at the end choose goal and target for the mean stance.
+
+        Returns the frame to count from.
+        """
         if time_s < late.until_s - ROUNDING_S:
-            self._meter.measure(estimate)
+            if np.isfinite([*estimate.base_position, *estimate.base_quaternion, *estimate.joint_pos]).all():
+                self._stances.append((ground_pitch(estimate, self.legs), float(estimate.base_position[2])))
             return frame
         self.late = None
-        goal = late.goal(self._meter.pitch) if self._meter.count else None
+        if not self._stances:
+            return frame
+        pitch, height_m = (sum(values) / len(values) for values in zip(*self._stances, strict=True))
+        goal = late.goal(pitch)
         if goal is None:
             return frame
-        change = np.append(goal - self.goal, self._meter.pitch - self.stance_pitch)
-        self.goal, self.stance_pitch = goal, self._meter.pitch
+        change = np.append(goal - self.goal, pitch - self.stance_pitch)
+        self.goal, self.stance_pitch = goal, pitch
         self._transition = Transition(change, time_s, late.reach_s)
         if self.model is not None and self.planner is not None:
             # The goal was chosen for the target; shifts correct what happens otherwise than expected of that goal.
             self.model = self.model.planned_to(goal)
             self.planner = self.planner.moved(self.model, self.model.expect(goal, self.stance_pitch), change)
         # The ground under the feet may be higher than that ahead: it is no deviation from the plan.
-        level_m = self._meter.height_m - float(self.plan.at("state", 0, change)[Z])
+        level_m = height_m - float(self.plan.at("state", 0, change)[Z])
         self.frame = replace(frame, level_m=level_m)
         return self.frame
-
-    @property
-    def deviations(self) -> np.ndarray:
-        """How far trunk and feet were from the shifted plan at each update, (updates, 10)."""
-        return self.recorder.deviations
 
     def _update(self, update: int, before: np.ndarray) -> None:
         """Choose the shift from this update on: the one before, until something sudden has happened."""
@@ -210,10 +186,10 @@ class ShiftTracker(JumpController):
             self.count_fallback(NOT_FINITE)
         elif since is not None and update < self.grid.free_updates:
             result = guarded_solve(self._problem(update, before, since), self.solver, SolutionRequirements())
-            if result.fault is None and result.solution is not None:
-                self.shifts[update:] += result.solution.x[:GOAL_AXES]
+            if result.x is not None:
+                self.shifts[update:] += result.x[:GOAL_AXES]
             else:
-                self.count_fallback(result.fault or NOT_FINITE)
+                self.count_fallback(result.fault)
 
     def _problem(self, update: int, before: np.ndarray, since: np.ndarray) -> Qp:
         assert self.model is not None and self.planner is not None and self.watch is not None

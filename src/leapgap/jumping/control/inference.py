@@ -19,8 +19,15 @@ import numpy as np
 from leapgap.jumping.control.compiler import compiled
 from leapgap.jumping.learning.model_files import arrays_below, read_model
 from leapgap.jumping.learning.windows import Purpose
-from leapgap.jumping.models.affine_model import KNOWN, KNOWN_FOOT, AffineModel, PredictionModel, Situation, rows
-from leapgap.jumping.models.rigid_body import RigidBodyModel
+from leapgap.jumping.models.rigid_body import (
+    KNOWN,
+    KNOWN_FOOT,
+    AffineModel,
+    PredictionModel,
+    RigidBodyModel,
+    Situation,
+    rows,
+)
 
 FORMAT_VERSION = 2
 OUTPUTS, FEET, STATES = 15, 4, 6  # bias (3) and by_force (3 × 4); front and rear foot, x and z; numbers of a state

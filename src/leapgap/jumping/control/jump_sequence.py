@@ -8,14 +8,14 @@ from typing import Literal
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.border import TIME_NOT_USABLE, Border, JointGains
+from leapgap.jumping.control.border import TIME_NOT_USABLE, Border
 from leapgap.jumping.control.condensed_qp import ROUNDING_S, ForceLimits, Horizon, prepare_qp
 from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
 from leapgap.jumping.control.mpc import StateWeights
-from leapgap.jumping.control.qp import NOT_FINITE, Qp, QpConfig, SolutionRequirements, guarded_solve, solver
+from leapgap.jumping.control.qp import Qp, QpConfig, SolutionRequirements, guarded_solve, solver
 from leapgap.jumping.control.tracking import JumpController
-from leapgap.jumping.models.affine_model import AffineModel, Situation
-from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, RigidBody, RigidBodyModel, X, Z
+from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, AffineModel, RigidBody, RigidBodyModel, Situation, X, Z
+from leapgap.jumping.task import JointGains
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z, FORCES
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
@@ -77,9 +77,9 @@ class LandingMpc(Controller):
     def _plan(self, estimate: StateEstimate) -> np.ndarray:
         """First force towards rest, (4,), N; the weight of the robot where there is no solution."""
         result = guarded_solve(self._problem(estimate), self.solver, self.config.demands)
-        if result.fault is None and result.solution is not None:
-            return result.solution.x[: len(self.force)]
-        self.fallbacks[result.fault or NOT_FINITE] += 1
+        if result.x is not None:
+            return result.x[: len(self.force)]
+        self.fallbacks[result.fault] += 1
         return standing_force(self.model.body)
 
     def _problem(self, estimate: StateEstimate) -> Qp | None:
@@ -172,8 +172,7 @@ class JumpSequence(Controller):
         self.phase: Phase = "jump"
         self.number = 0
         self.landings_s: list[float] = []
-        self.landing: LandingMpc | None = None
-        self._fallbacks_before: Counter[str] = Counter()
+        self._landings: list[LandingMpc] = []
         self._phase_since_s = 0.0
         self._both_since_s = np.inf
         self._settle_from = jumps[0].reference.joint_pos[0]
@@ -182,8 +181,8 @@ class JumpSequence(Controller):
     @property
     def fallbacks(self) -> Counter[str]:
         """Count of fallback commands by reason, of all jumps and landings so far."""
-        of_landings = self._fallbacks_before + (self.landing.fallbacks if self.landing else Counter())
-        return sum((jump.fallbacks for jump in self.jumps), Counter[str]()) + self._own_fallbacks + of_landings
+        of_jumps, of_landings = ([part.fallbacks for part in parts] for parts in (self.jumps, self._landings))
+        return sum((*of_jumps, self._own_fallbacks, *of_landings), Counter[str]())
 
     def command(self, estimate: StateEstimate) -> Command:
         """See ``Controller``: the command of the present phase, a safe one where a tick has no usable time."""
@@ -198,8 +197,8 @@ class JumpSequence(Controller):
         self._switch(judged)
         if self.phase == "jump":
             return self.border.sent(self.jumps[self.number].command(judged))
-        if self.phase == "landing" and self.landing is not None:
-            return self.border.sent(self.landing.command(judged))
+        if self.phase == "landing":
+            return self.border.sent(self._landings[-1].command(judged))
         return self.border.sent(self._settle(judged))
 
     def _switch(self, estimate: StateEstimate) -> None:
@@ -212,9 +211,7 @@ class JumpSequence(Controller):
             lasted, schedule = now - jump.start_s + ROUNDING_S, jump.reference.schedule
             may_touch = lasted >= schedule.take_off_s + config.earliest_touch_s
             if may_touch and now - self._both_since_s + ROUNDING_S >= config.confirm_s:
-                if self.landing is not None:
-                    self._fallbacks_before += self.landing.fallbacks
-                self.landing = LandingMpc(self.robot, self._next_pose(), config.landing, self.body)
+                self._landings.append(LandingMpc(self.robot, self._next_pose(), config.landing, self.body))
                 self.landings_s.append(now)
                 self.phase, self._phase_since_s = "landing", now
             elif lasted >= schedule.landing_s + config.latest_touch_s:

@@ -62,10 +62,7 @@ class LegKinematics:
         self._data = mujoco.MjData(robot.model)
         self._jacobian = np.zeros((len(robot.feet), 3, robot.model.nv))
         self._bodies = robot.model.geom_bodyid[robot.foot_geoms]
-        self._feet_of_pair = [robot.feet_at(pair) for pair in PAIRS]
-        self._share = np.zeros((len(robot.feet), len(PAIRS)))
-        for pair, feet in enumerate(self._feet_of_pair):
-            self._share[feet, pair] = 1 / len(feet)
+        self._share = foot_share(robot)
 
     def offsets(self, base_quaternion: np.ndarray, joint_pos: np.ndarray) -> np.ndarray:
         """Centre of each foot − base, m, world axes, shape (feet, 3)."""
@@ -106,6 +103,15 @@ class LegKinematics:
         qpos[:3], qpos[3:7] = 0.0, base_quaternion
         qpos[self.robot.joint_qpos] = joint_pos
         mujoco.mj_kinematics(self.robot.model, self._data)
+
+
+def foot_share(robot: Robot) -> np.ndarray:
+    """Part of each foot in the mean of the front and of the rear pair, (feet, 2)."""
+    share = np.zeros((len(robot.feet), len(PAIRS)))
+    for pair, name in enumerate(PAIRS):
+        feet = robot.feet_at(name)
+        share[feet, pair] = 1 / len(feet)
+    return share
 
 
 @dataclass(frozen=True)
@@ -153,16 +159,12 @@ class LegChains:
                 zero = float(model.qpos0[model.jnt_qposadr[joint]])
                 links.append((place, turn, numbers[body], model.jnt_axis[joint], model.jnt_pos[joint], zero))
             begins.append(len(links))
-        share = np.zeros((len(robot.feet), len(PAIRS)))
-        for pair, name in enumerate(PAIRS):
-            feet = robot.feet_at(name)
-            share[feet, pair] = 1 / len(feet)
         position, rotation, joint_of, axis, anchor, zeros = zip(*links, strict=True)
         return LegChains(
             np.array(begins, np.int32),
             *(np.array(position), np.array(rotation), np.array(joint_of, np.int32)),
             *(np.array(axis), np.array(anchor), np.array(zeros)),
-            *(model.geom_pos[robot.foot_geoms].copy(), share),
+            *(model.geom_pos[robot.foot_geoms].copy(), foot_share(robot)),
         )
 
 

@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from leapgap.jumping.control.condensed_qp import ROUNDING_S, ForceLimits, Horizo
 from leapgap.jumping.control.inference import FirstStep, Uncompiled, first_step
 from leapgap.jumping.control.leg_kinematics import StartFrame
 from leapgap.jumping.control.qp import (
-    NOT_FINITE,
+    GuardedSolution,
     Qp,
     QpConfig,
     QpSolution,
@@ -25,8 +25,16 @@ from leapgap.jumping.control.qp import (
 )
 from leapgap.jumping.control.tracking import JumpController, PhaseGains, Reference
 from leapgap.jumping.learning.windows import MOST_STEPS, TimeGrid
-from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
-from leapgap.jumping.models.rigid_body import CURVATURE, PITCH, DeviationModel, PlannedSteps, advance
+from leapgap.jumping.models.rigid_body import (
+    CURVATURE,
+    PITCH,
+    AffineModel,
+    DeviationModel,
+    PlannedSteps,
+    PredictionModel,
+    Situation,
+    advance,
+)
 from leapgap.logs.pair_force import FORCES, per_axis
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import StateEstimate
@@ -82,8 +90,9 @@ class MpcConfig:
 class Formulation(ABC):
     """States of the problem, and the model of each step."""
 
-    reference: Reference
-    config: "MpcConfig"
+    def __init__(self, reference: Reference, model: Any, config: MpcConfig) -> None:
+        self.reference, self.model, self.config = reference, model, config
+        self.first_models: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     @abstractmethod
     def prepare(self, time_s: float) -> PreparedQp:
@@ -116,9 +125,6 @@ class Formulation(ABC):
 class AsMeasured(Formulation):
     """The paper's: later steps at the reference's states, the first one at the measured state."""
 
-    def __init__(self, reference: Reference, model: PredictionModel, config: "MpcConfig") -> None:
-        self.reference, self.model, self.config = reference, model, config
-
     def prepare(self, time_s: float) -> PreparedQp:
         """Evaluate model and reference at all but the first step, and compute their part of the QP."""
         reference = self.reference
@@ -137,10 +143,6 @@ class AsMeasured(Formulation):
 
 class AlongPlan(Formulation):
     """In deviations from the plan; forces stay those on the ground. All of its models are constants of the jump."""
-
-    def __init__(self, reference: Reference, model: DeviationModel, config: "MpcConfig") -> None:
-        self.reference, self.model, self.config = reference, model, config
-        self.first_models: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     @cached_property
     def expected(self) -> tuple[np.ndarray, np.ndarray]:
@@ -222,14 +224,6 @@ class ForcePlan:
         return self.force[step] if 0 <= step < len(self.force) else np.zeros(FORCES)
 
 
-class Solved(NamedTuple):
-    """Result of an update: its variables (n,), the solver's solution if any, and why it must not be used, or None."""
-
-    x: np.ndarray | None
-    solution: QpSolution | None
-    fault: str | None
-
-
 class ForcePlanner:
     """Solves the MPC's problem along one reference with one prediction model.
 
@@ -246,8 +240,8 @@ class ForcePlanner:
         qp_solver: QpSolver | None = None,
     ) -> None:
         self.reference, self.config = reference, config
-        along = isinstance(model, DeviationModel)
-        self.formulation = (AlongPlan if along else AsMeasured)(reference, model, config)  # type: ignore[arg-type]
+        formulation = AlongPlan if isinstance(model, DeviationModel) else AsMeasured
+        self.formulation = formulation(reference, model, config)
         self.first_step = self.formulation.first_step(self.compiled)
         self.solver = qp_solver or solver(config.qp)
         self.fallbacks: Counter[str] = Counter()
@@ -260,18 +254,16 @@ class ForcePlanner:
         if time_s > self.reference.schedule.take_off_s - ROUNDING_S:
             return ForcePlan(horizon(self.config.grid, self.reference.schedule, time_s), np.zeros((0, FORCES)))
         prepared = self.prepared.get(microseconds(time_s)) or self.formulation.prepare(time_s)
-        x, solution, fault = self._solve(time_s, prepared, state, foot)
-        if fault is None and x is not None:
+        x, fault, solution = self._solve(time_s, prepared, state, foot)
+        if x is not None:
             self._good = ForcePlan(prepared.horizon, prepared.forces(x), solution)
             return self._good
-        reason = fault or NOT_FINITE
-        self.fallbacks[reason] += 1
-        return ForcePlan(prepared.horizon, self._substitute(prepared.horizon), solution, reason)
+        self.fallbacks[fault] += 1
+        return ForcePlan(prepared.horizon, self._substitute(prepared.horizon), solution, fault)
 
-    def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Solved:
+    def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> GuardedSolution:
         """Solve the update of this time from a measured state and feet."""
-        result = guarded_solve(self._problem(time_s, prepared, state, foot), self.solver, self.config.demands)
-        return Solved(None if result.solution is None else result.solution.x, result.solution, result.fault)
+        return guarded_solve(self._problem(time_s, prepared, state, foot), self.solver, self.config.demands)
 
     def _problem(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Qp | None:
         if not (np.isfinite(state).all() and np.isfinite(foot).all()):

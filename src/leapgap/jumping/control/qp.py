@@ -9,7 +9,7 @@ import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import daqp
 import numpy as np
@@ -224,12 +224,12 @@ class SolutionRequirements:
             raise ValueError("primal_tolerance_n and relative_dual_tolerance above 0")
 
 
-@dataclass(frozen=True)
-class GuardedSolution:
-    """A solution (None where there is none), and the reason why it must not be used (None where it may)."""
+class GuardedSolution(NamedTuple):
+    """Variables that may be used, or None with the reason; and the solver's solution, where it gives one."""
 
-    solution: QpSolution | None
-    fault: str | None
+    x: np.ndarray | None
+    fault: str = ""
+    solution: QpSolution | None = None
 
 
 def guarded_solve(qp: Qp | None, solver: QpSolver, demands: SolutionRequirements) -> GuardedSolution:
@@ -237,4 +237,5 @@ def guarded_solve(qp: Qp | None, solver: QpSolver, demands: SolutionRequirements
     if qp is None or not qp.is_finite:
         return GuardedSolution(None, NOT_FINITE)
     solution = solver.solve(qp)
-    return GuardedSolution(solution, solution.fault(demands.primal_tolerance_n, demands.relative_dual_tolerance))
+    fault = solution.fault(demands.primal_tolerance_n, demands.relative_dual_tolerance)
+    return GuardedSolution(None, fault, solution) if fault else GuardedSolution(solution.x, solution=solution)

@@ -81,11 +81,6 @@ class ShiftGrid:
         """Number of updates of a jump."""
         return int(np.ceil((self.schedule.take_off_s - ROUNDING_S) / self.period_s))
 
-    @property
-    def times_s(self) -> np.ndarray:
-        """Times of the updates since the start of the jump, s, (updates,)."""
-        return self.period_s * np.arange(self.updates)
-
     def horizon(self, update: int) -> np.ndarray:
         """First update of each step from ``update`` on, and the end of the contact, (steps + 1,).
 

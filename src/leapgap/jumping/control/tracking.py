@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.control.border import TIME_NOT_USABLE, Border, JointGains
+from leapgap.jumping.control.border import TIME_NOT_USABLE, Border
 from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
 from leapgap.jumping.learning.window_extraction import feet, states
 from leapgap.jumping.models.rigid_body import Z
-from leapgap.jumping.task import ContactSchedule, Target, schedule_of, target_of
+from leapgap.jumping.task import ContactSchedule, JointGains, Target, schedule_of, target_of
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import FORCES, per_axis
 from leapgap.robot.model import Robot

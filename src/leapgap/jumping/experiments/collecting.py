@@ -12,27 +12,17 @@ from leapgap.errors import InputError
 from leapgap.jumping.control.mpc import MpcConfig
 from leapgap.jumping.control.tracking import Excitation, ExcitedController, JumpController, PhaseGains
 from leapgap.jumping.experiments.method import JointPdMethod, JumpTask, Method, MpcMethod, References, crouch
-from leapgap.jumping.experiments.trial import Landing, TrialSetup, attempt_task
+from leapgap.jumping.experiments.trial import TrialSetup, attempt_task
 from leapgap.jumping.models.planar import planar_robot
 from leapgap.jumping.models.rigid_body import RigidBody, RigidBodyModel, planner_body
 from leapgap.jumping.planning.reference import read_targets, reference_to
-from leapgap.jumping.task import Target, target_of
+from leapgap.jumping.task import Target
 from leapgap.logs.log import Log, write_log
 from leapgap.robot.model import Robot
 from leapgap.runtime.executor import Executor
 from leapgap.simulation.closed_loop import Sensing
 from leapgap.simulation.open_loop import Course
 from leapgap.simulation.presets import Variant
-
-
-@dataclass(frozen=True)
-class CollectionResult:
-    """The log of one jump, where it landed, and how often its controller fell back, by reason."""
-
-    log: Log
-    landing: Landing
-    block_m: float
-    fallbacks: dict[str, int]
 
 
 @dataclass(frozen=True)
@@ -47,8 +37,8 @@ class CollectionSpec:
     seed: int
     excitation: Excitation = field(default_factory=Excitation)
 
-    def run(self) -> CollectionResult:
-        """Simulate the jump in closed loop; the same seed gives the same result."""
+    def run(self) -> tuple[Log, str]:
+        """Simulate the jump in closed loop: its log, and where it landed in words; equal seeds give equal results."""
         rng = np.random.default_rng(self.seed)
 
         def controllers(task: JumpTask) -> list[JumpController]:
@@ -59,8 +49,11 @@ class CollectionSpec:
 
         level = self.method.references[self.task.target]
         outcome = attempt_task(self.task, controllers, level, self.effects, self.world, rng)
-        log = Log(self.name, outcome.run.log.columns, outcome.run.log.info)
-        return CollectionResult(log, outcome.landings[0], self.task.block_m[0], dict(outcome.fallbacks))
+        landing, count = outcome.landings[0], sum(outcome.fallbacks.values())
+        begins = f"{self.task.x_m:.2f} m from a {100 * self.task.block_m[0]:.1f} cm block"
+        lands = f"{landing_in_words(landing.error_cm)}, pitched {landing.pitch_deg:+.0f} degrees"
+        says = f"{self.name}: {begins}, lands {lands}" + (f", {count} fallbacks" if outcome.fallbacks else "")
+        return Log(self.name, outcome.run.log.columns, outcome.run.log.info), says
 
 
 @dataclass(frozen=True)
@@ -143,12 +136,9 @@ def method_of(settings: CollectSettings, robot: Robot, references: References, b
 
 def collect_jumps(planned: Sequence[CollectionSpec], executor: Executor, folder: Path) -> None:
     """Make the jumps, write their logs into a folder, and print where each landed."""
-    for result in executor.map(CollectionSpec.run, planned):
-        write_log(result.log, folder / f"{result.log.name}.parquet")
-        fallbacks = f", {sum(result.fallbacks.values())} fallbacks" if result.fallbacks else ""
-        begins = f"{target_of(result.log).x_m:.2f} m from a {100 * result.block_m:.1f} cm block"
-        lands = f"{landing_in_words(result.landing.error_cm)}, pitched {result.landing.pitch_deg:+.0f} degrees"
-        print(f"{result.log.name}: {begins}, lands {lands}{fallbacks}", flush=True)
+    for log, says in executor.map(CollectionSpec.run, planned):
+        write_log(log, folder / f"{log.name}.parquet")
+        print(says, flush=True)
 
 
 def landing_in_words(error_cm: float) -> str:

@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from leapgap.jumping.control.condensed_qp import ROUNDING_S
-from leapgap.jumping.control.goal_shift_jump import ground_pitch
-from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
-from leapgap.jumping.control.shifted_plan import GOAL_AXES, Observation, ObservedJointPd
+from leapgap.jumping.control.goal_shift_jump import ShiftTracker, ground_pitch
+from leapgap.jumping.control.leg_kinematics import StartFrame
+from leapgap.jumping.control.shifted_plan import DEVIATIONS, Observation, ObservedJointPd
 from leapgap.jumping.control.tracking import JumpController, PhaseGains, Reference
 from leapgap.jumping.models.planar import PlanarRobot
 from leapgap.jumping.models.rigid_body import Z
 from leapgap.jumping.planning.problem import Grid, Limits
-from leapgap.jumping.planning.reference import Gains, to_jump
+from leapgap.jumping.planning.reference import to_jump
 from leapgap.jumping.planning.solve import FamilyConfig, Solution, plan_family
 from leapgap.jumping.task import ContactSchedule, Target
 from leapgap.robot.model import Robot
@@ -59,11 +59,7 @@ class LandingSamples:
 
     def extended_by(self, other: "LandingSamples") -> "LandingSamples":
         """These samples, followed by those of ``other``."""
-        return LandingSamples(
-            np.concatenate([self.goal, other.goal]),
-            np.concatenate([self.stance_pitch, other.stance_pitch]),
-            np.concatenate([self.landing, other.landing]),
-        )
+        return LandingSamples(*(np.concatenate([own, vars(other)[name]]) for name, own in vars(self).items()))
 
     @property
     def inputs(self) -> np.ndarray:
@@ -72,16 +68,12 @@ class LandingSamples:
 
 
 class LandingModel:
-    """Landing − goal as a function of goal and stance: a linear trend and a Gaussian process on what it leaves.
+    """Landing − goal as a function of goal and stance: a linear trend and a Gaussian process on what it leaves."""
 
-    With a model ``base`` of a similar robot, the same is fitted to landing − its prediction.
-    """
-
-    def __init__(self, samples: LandingSamples, config: AimConfig, base: "LandingModel | None" = None) -> None:
-        self.samples, self.config, self.base = samples, config, base
+    def __init__(self, samples: LandingSamples, config: AimConfig) -> None:
+        self.samples, self.config = samples, config
         self.centre = samples.inputs.mean(axis=0) if len(samples) else np.zeros(4)
-        pairs = zip(samples.goal, samples.stance_pitch, strict=True)
-        self.error = samples.landing - np.array([self._expected(*pair) for pair in pairs]).reshape(-1, 3)
+        self.error = samples.landing - samples.goal
         self.sample_weights = np.ones(len(samples))  # Weight of each jump in the fit, 0 to 1, (n,)
         self._fit()
         for _ in range(REWEIGHTINGS):
@@ -110,12 +102,7 @@ class LandingModel:
     def landing(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
         """Predicted landing pose, (3,), of a jump to ``goal`` (3,) from a stance of this pitch, rad; as ``GOAL``."""
         at = np.append(goal, stance_pitch)[None]
-        learned = (self._trend(at) @ self.weights + self._kernel(at, self.samples.inputs) @ self.dual)[0]
-        return self._expected(goal, stance_pitch) + learned
-
-    def _expected(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
-        """The landing before anything is learned from the samples: the base model's, else the goal, (3,)."""
-        return goal if self.base is None else self.base.landing(goal, stance_pitch)
+        return goal + (self._trend(at) @ self.weights + self._kernel(at, self.samples.inputs) @ self.dual)[0]
 
     def deviation(self, goal: np.ndarray, stance_pitch: float) -> np.ndarray:
         """Standard deviation of that prediction, (3,), m, m, rad; it grows with the distance from the samples."""
@@ -288,7 +275,8 @@ class GoalDirectedJump(JumpController):
             kp, kd = still + gains.kp_nm_per_rad, still + gains.kd_nms_per_rad
             return Command(plan.torque[0], plan.joint_pos[0], still, kp, kd, plan.force[0])
         stance = latest(self._stood[:-1], stand.measured_s)  # the jump begins with this estimate
-        self.tracker = self.plan_from(stance_pitch(stance, self.legs) if self.choice.stance_is_seen else 0.0)
+        pitch = np.mean([ground_pitch(one, self.legs) for one in stance]) if self.choice.stance_is_seen else 0.0
+        self.tracker = self.plan_from(float(pitch))
         self.start_s = estimate.time_s
         return self.tracker.command(estimate)
 
@@ -299,12 +287,12 @@ class GoalDirectedJump(JumpController):
         chosen = self.choice.aim(target, self.stance_pitch)
         plan = planner.plan_nearest(target, chosen, self.stance_pitch)
         if plan is None:
-            self._substitute(NO_PLAN)  # the plan from level ground is used instead
+            self.count_fallback(NO_PLAN)  # the plan from level ground is used instead
         else:
             self.goal, solution = plan
             if solution.problem.robot != planner.robot or not np.allclose(self.goal, chosen):
-                self._substitute(OTHER_PLAN)
-            self.reference = Reference.of(to_jump(solution, Gains()), self.robot)
+                self.count_fallback(OTHER_PLAN)
+            self.reference = Reference.of(to_jump(solution), self.robot)
         return self.track(None if plan is None else plan[1])
 
     def track(self, solution: Solution | None) -> JumpController:
@@ -314,18 +302,15 @@ class GoalDirectedJump(JumpController):
 
     @property
     def shifts(self) -> np.ndarray:
-        """Shift of the goal from each update on, (updates, 3): none in such a jump."""
-        return np.zeros((len(self.deviations), GOAL_AXES))
+        """Shift of the goal from each update on, (updates, 3), where it is shifted."""
+        return self.tracker.shifts if isinstance(self.tracker, ShiftTracker) else np.zeros((len(self.deviations), 3))
 
     @property
     def deviations(self) -> np.ndarray:
-        """How far trunk and feet were from the plan at each update, (updates, 10)."""
-        assert isinstance(self.tracker, ObservedJointPd)
-        return self.tracker.recorder.deviations
-
-    def _substitute(self, reason: str) -> None:
-        self.fallbacks[reason] += 1
-        self.substituted.append((0.0, reason))
+        """How far trunk and feet were from the (shifted) plan at each update, (updates, 10), where that is kept."""
+        if isinstance(self.tracker, ObservedJointPd | ShiftTracker):
+            return self.tracker.recorder.deviations
+        return np.zeros((0, DEVIATIONS))
 
     def feed_forward(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> tuple[np.ndarray, np.ndarray]:
         """Torques (joints,), N·m, and pair forces (4,), N, of the planned jump."""
@@ -338,8 +323,3 @@ def latest(estimates: Sequence[StateEstimate], duration_s: float) -> Sequence[St
     since_s = estimates[-1].time_s - duration_s + ROUNDING_S
     first = next(i for i, estimate in enumerate(estimates) if estimate.time_s > since_s)
     return estimates[first:]
-
-
-def stance_pitch(estimates: Sequence[StateEstimate], legs: LegKinematics) -> float:
-    """Pitch of the ground under a robot in the crouch, rad, nose-down; mean over the estimates."""
-    return float(np.mean([ground_pitch(estimate, legs) for estimate in estimates]))

@@ -20,7 +20,7 @@ from leapgap.jumping.experiments.goal_directed_jump import (
     target_pose,
 )
 from leapgap.jumping.experiments.method import JumpTask, Method, goal_choice
-from leapgap.jumping.planning.reference import Gains, to_jump
+from leapgap.jumping.planning.reference import to_jump
 from leapgap.jumping.planning.solve import Solution, landing_goal
 from leapgap.robot.model import Robot
 from leapgap.simulation.controller import Command, StateEstimate
@@ -282,14 +282,14 @@ class GoalShiftJump(GoalDirectedJump):
         plan = None if solution is None else shifted_plan(self.choice.planner, solution, self.reference, self.robot)
         if plan is None or self.goal is None or solution is None:
             if solution is not None:
-                self._substitute(NO_NEIGHBOURS)
+                self.count_fallback(NO_NEIGHBOURS)
             return super().track(solution)
         settings, feedback = self.settings, self.settings.feedback
         late = None
         if not self.choice.stance_is_seen:
             slopes = stance_slopes(self.choice.planner, solution, self.reference, self.robot)
             if slopes is None:
-                self._substitute(NO_OTHER_STANCE)
+                self.count_fallback(NO_OTHER_STANCE)
             else:
                 pitches = self.stance_pitch + np.linspace(-LARGEST_TILT_RAD, LARGEST_TILT_RAD, STANCES)
                 goals = np.array([self.choice.aim(self.choice.target, pitch) for pitch in pitches])
@@ -320,16 +320,6 @@ class GoalShiftJump(GoalDirectedJump):
             self.goal, self.stance_pitch = self.shift_tracker.goal, self.shift_tracker.stance_pitch
         return command
 
-    @property
-    def shifts(self) -> np.ndarray:
-        """Shift of the goal from each update on, (updates, 3)."""
-        return super().shifts if self.shift_tracker is None else self.shift_tracker.shifts
-
-    @property
-    def deviations(self) -> np.ndarray:
-        """How far trunk and feet were from the shifted plan at each update, (updates, 10)."""
-        return super().deviations if self.shift_tracker is None else self.shift_tracker.deviations
-
 
 def shifted_plan(planner: JumpPlanner, solution: Solution, reference: Reference, robot: Robot) -> ShiftedPlan | None:
     """The plan and its slopes; where a neighbour on one side has no plan, that on the other side is taken."""
@@ -341,7 +331,7 @@ def shifted_plan(planner: JumpPlanner, solution: Solution, reference: Reference,
             moved = goal + step * np.eye(GOAL_AXES)[axis]
             neighbour = planner.plan(target, moved, problem.stance_pitch_rad, problem.robot)
             if neighbour is not None:
-                neighbours.append(Reference.of(to_jump(neighbour, Gains()), robot))
+                neighbours.append(Reference.of(to_jump(neighbour), robot))
                 steps.append(step)
                 break
     return ShiftedPlan.of(reference, neighbours, steps) if len(steps) == GOAL_AXES else None
@@ -356,7 +346,7 @@ def stance_slopes(
     for step in STANCE_STEPS:
         tilted = planner.plan(problem.target, goal, problem.stance_pitch_rad + step, problem.robot)
         if tilted is not None:
-            return differences(reference, Reference.of(to_jump(tilted, Gains()), robot), step)
+            return differences(reference, Reference.of(to_jump(tilted), robot), step)
     return None
 
 

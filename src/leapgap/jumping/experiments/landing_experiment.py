@@ -14,8 +14,7 @@ from leapgap.errors import InputError, did_you_mean
 from leapgap.jumping.experiments import methods
 from leapgap.jumping.experiments.method import JumpTask, References, crouch
 from leapgap.jumping.experiments.methods.mpc import PractisedMpcSettings
-from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig, TrialRunner
-from leapgap.jumping.experiments.settings import LandSettings
+from leapgap.jumping.experiments.rig import Bench, LandSettings, MethodSettings, Rig, TrialRunner
 from leapgap.jumping.experiments.trial import TrialResult, TrialSetup, TrialSpec
 from leapgap.jumping.learning.model_files import write_csv, write_npz
 from leapgap.jumping.models.planar import planar_robot
@@ -24,7 +23,7 @@ from leapgap.jumping.planning.reference import reference_to
 from leapgap.jumping.task import Target
 from leapgap.registry import classes_by_name
 from leapgap.robot.model import Robot
-from leapgap.runtime.atomic_io import whole_file, write_json, write_metrics
+from leapgap.runtime.atomic_io import write_json, write_metrics
 from leapgap.runtime.cache import ResultCache
 from leapgap.runtime.executor import Executor
 from leapgap.simulation.closed_loop import Sensing
@@ -83,7 +82,7 @@ def figures(runs: Sequence[ScoredRun], seed: int) -> dict[str, Any]:
     found = {
         "error_cm": summarise(np.mean, error),
         "error_ci95_cm": interval(error, robots, seed),
-        "error_sd_cm": standard_deviation(error),
+        "error_sd_cm": round_value(error.std(ddof=1)) if len(error) > 1 else None,
         "abs_error_cm": summarise(np.mean, np.abs(error)),
         "abs_error_ci95_cm": interval(np.abs(error), robots, seed),
         "worst_error_cm": summarise(np.max, np.abs(error)),
@@ -111,11 +110,6 @@ def figures(runs: Sequence[ScoredRun], seed: int) -> dict[str, Any]:
 def summarise(statistic: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
     """A statistic of some values, rounded; None where there are none."""
     return round_value(statistic(values)) if len(values) else None
-
-
-def standard_deviation(values: np.ndarray) -> float | None:
-    """Standard deviation of a sample, rounded; None of fewer than two values."""
-    return round_value(values.std(ddof=1)) if len(values) > 1 else None
 
 
 def interval(values: np.ndarray, robots: Sequence[str], seed: int) -> list[float | None] | None:
@@ -354,8 +348,7 @@ def run_practice(experiment: LandingExperiment, executor: Executor, out: Path) -
                     continue
                 found, path = method.practise(name, rig), out / f"{hardware.place}/{name}.npz"
                 path.parent.mkdir(parents=True, exist_ok=True)
-                with whole_file(path) as beside:
-                    write_npz(beside, found.model.arrays())
+                write_npz(path, found.model.arrays())
                 rounds = [asdict(one) for one in found.rounds]
                 kept: dict[str, Any] = {
                     one: [round_value(of[one]) for of in rounds] for one in ("landed_cm", "predicted_cm", "pitch_deg")

@@ -27,8 +27,7 @@ from leapgap.jumping.experiments.goal_directed_jump import (
     LandingSamples,
     best_goal,
 )
-from leapgap.jumping.models.affine_model import PredictionModel
-from leapgap.jumping.models.rigid_body import DeviationModel
+from leapgap.jumping.models.rigid_body import DeviationModel, PredictionModel
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import FORCE_X

@@ -19,7 +19,7 @@ from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import Authority, KickedJumps, shifted_plan
 from leapgap.jumping.experiments.trial import UPRIGHT_RAD
 from leapgap.jumping.models.rigid_body import GRAVITY
-from leapgap.jumping.planning.reference import Gains, to_jump
+from leapgap.jumping.planning.reference import to_jump
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import WORLD_X_Z
@@ -193,7 +193,7 @@ class ShiftSimulator:
         solution = self.planner.plan(Target(round(float(goal[0]), 3)), goal, stance_pitch)
         if solution is None:
             return None
-        reference = Reference.of(to_jump(solution, Gains()), self.robot)
+        reference = Reference.of(to_jump(solution), self.robot)
         return shifted_plan(self.planner, solution, reference, self.robot)
 
     def _draw(

@@ -12,8 +12,7 @@ from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner, LandingM
 from leapgap.jumping.experiments.goal_shift_jump import ShiftedJumps
 from leapgap.jumping.experiments.identification import identify_effects_config
 from leapgap.jumping.experiments.method import AimingMethod, JumpTask
-from leapgap.jumping.experiments.rig import Bench
-from leapgap.jumping.experiments.settings import GoalOffsets, PracticeConfig
+from leapgap.jumping.experiments.rig import Bench, GoalOffsets, PracticeConfig
 from leapgap.jumping.experiments.trial import SUPPLY_V, TrialSpec
 from leapgap.jumping.models.planar import planar_robot_with, plannable
 from leapgap.logs.log import Log

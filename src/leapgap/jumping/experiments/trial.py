@@ -50,7 +50,7 @@ def run_metrics(run: ClosedLoopRun, robot: Robot, first: int) -> RunMetrics:
     rows = slice(first, min(len(run.log), first + round(schedule.take_off_s / period)))
     width = max(1, round(IMPULSE_S / period))
     window = np.ones(width) / width
-    of_pairs = [np.convolve(column, window, mode="same") for column in pair_force(run, robot).T]
+    of_pairs = [np.convolve(column, window, mode="same") for column in per_pair(robot, run.ground_force).T]
     force = np.stack(of_pairs, axis=1)[rows]
     horizontal, vertical = force[:, FORCE_X], force[:, FORCE_Z]
     pushing = vertical > LEAST_PUSH_N
@@ -64,11 +64,6 @@ def run_metrics(run: ClosedLoopRun, robot: Robot, first: int) -> RunMetrics:
         torque_nm=float(np.abs(commanded).max()),
         short_of_torque=float(np.mean(np.abs(resistance_of(robot) * commanded + joint_vel) > SUPPLY_V)),
     )
-
-
-def pair_force(run: ClosedLoopRun, robot: Robot) -> np.ndarray:
-    """True ground force of each pair on the robot, front x z, rear x z, N, world axes, (rows, 4)."""
-    return per_pair(robot, run.ground_force)
 
 
 LARGEST_PITCH_RAD = np.deg2rad(15)
@@ -266,12 +261,9 @@ class TrialSpec:
         outcome = attempt_task(
             self.task, self.method, self.reference, self.effects, self.world, np.random.default_rng(self.seed)
         )
+        shared = ("landings", "total_error_cm", "fallbacks", "substituted", "metrics")
         return TrialResult(
-            landings=outcome.landings,
-            total_error_cm=outcome.total_error_cm,
-            fallbacks=outcome.fallbacks,
-            substituted=outcome.substituted,
-            metrics=outcome.metrics,
+            **{name: getattr(outcome, name) for name in shared},
             disturbance=", ".join(str(one) for one in outcome.disturbances),
             samples=landing_samples(outcome),
             shifted=shifted_jumps(outcome),
@@ -328,7 +320,7 @@ def log_of(outcome: TrialOutcome, robot: Robot, name: str) -> Log:
     """The log with two quantities that only a simulation knows: contacts, and the true ground forces."""
     columns = dict(outcome.run.log.columns)
     columns |= {f"contact/{foot}": outcome.run.touching[:, i].astype(float) for i, foot in enumerate(robot.feet)}
-    force = pair_force(outcome.run, robot)
+    force = per_pair(robot, outcome.run.ground_force)
     columns |= {f"ground_force/{axis}": force[:, i] for i, axis in enumerate(PAIR_FORCE_AXES)}
     return replace(outcome.run.log, name=name, columns=columns)
 

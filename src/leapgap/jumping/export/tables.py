@@ -197,23 +197,14 @@ def gain_tables(tracker: JumpController) -> dict[str, np.ndarray]:
 
 
 def landing_tables(model: LandingModel) -> dict[str, np.ndarray]:
-    """A landing model and those that it corrects as one trend and one kernel."""
+    """A landing model as a trend and a kernel."""
     scale = np.array(model.config.scale)
-    trend, samples, duals = np.zeros((5, 3)), [], []
-    level: LandingModel | None = model
-    while level is not None:
-        if (level.config.scale, level.config.length) != (model.config.scale, model.config.length):
-            raise InputError("export", "landing models of several scales", "one scale and length", "learn them alike")
-        by_input = level.weights[1:] / scale[:, None]
-        trend += np.concatenate([level.weights[:1] - level.centre @ by_input, by_input])
-        samples.append(level.samples.inputs / (scale * model.config.length))
-        duals.append(level.dual)
-        level = level.base
+    by_input = model.weights[1:] / scale[:, None]
     return {
-        "landing_trend": trend,
+        "landing_trend": np.concatenate([model.weights[:1] - model.centre @ by_input, by_input]),
         "landing_scale": scale * model.config.length,
-        "landing_sample": np.concatenate(samples),
-        "landing_dual": np.concatenate(duals),
+        "landing_sample": model.samples.inputs / (scale * model.config.length),
+        "landing_dual": model.dual,
     }
 
 
@@ -337,7 +328,7 @@ def force_tables_of(controller: JumpMpc) -> ControllerTables:
         "VARIABLES": max(totals),
         "LIMITS": arrays["limit_bound"].shape[1],
         "LARGEST_ITERATIONS": config.qp.max_iterations,
-        "FRONT_LIFT_OFF_S": reference.schedule.front_lift_off_s,
+        "FRONT_LIFT_OFF_S": reference.schedule.double_contact_s,
         "PLAN_VALID_S": config.plan_valid_s,
         "CURVATURE": CURVATURE,
         "FORCE_WEIGHT": config.force_weight,

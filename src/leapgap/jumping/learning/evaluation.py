@@ -277,4 +277,4 @@ def landing_rms(found: Mapping[str, RollOut]) -> dict[str, dict[str, float]]:
         for name, roll_out in found.items()
         if name != "measured"
     }
-    return {component: {name: float(f"{r[i]:.6g}") for name, r in rms.items()} for i, component in enumerate(STATE)}
+    return {component: {name: round_figure(r[i]) for name, r in rms.items()} for i, component in enumerate(STATE)}

@@ -12,8 +12,8 @@ from leapgap.jumping.learning import uncertainty
 from leapgap.jumping.learning.loggers import LoggerConfig
 from leapgap.jumping.learning.model import Model
 from leapgap.jumping.learning.models.kernel import KernelConfig, KernelModel
-from leapgap.jumping.learning.recipe import FitTask, ModelRecipe, ModelSettings, Settings, TrainingRun, settings_in
-from leapgap.jumping.learning.store import is_stored, load, recipes
+from leapgap.jumping.learning.recipe import FitTask, ModelRecipe, ModelSettings, TrainingRun, WithModelSettings
+from leapgap.jumping.learning.store import load, recipes
 from leapgap.jumping.learning.windows import Windows
 from leapgap.jumping.models.rigid_body import RigidBody
 
@@ -62,7 +62,7 @@ TRAINER = {"accelerator": "cpu", "devices": 1, "enable_progress_bar": True}
 
 
 @dataclass
-class TrainConfig:
+class TrainConfig(WithModelSettings):
     """The section ``train`` of the configuration: data, splits and models.
 
     Settings of a model are a dataclass beside it, and a section ``train.<section>`` of their own.
@@ -80,7 +80,6 @@ class TrainConfig:
     seed: int = 0
     curvature: float = 0.5  # Curvature of the steps' positions, as in ``rigid_body.advance``, but in published models
     model_settings: dict[str, ModelSettings] = field(default_factory=dict)
-    """Settings of models by their section, where they are not the defaults."""
     steps_an_epoch: int = 25
     threads: int = 1  # Of torch on the CPU; sums, hence the last bits of the weights, depend on it
     processes: int = 2  # Splits fitted at the same time
@@ -103,10 +102,6 @@ class TrainConfig:
         judged = bool(split.held_out)  # forecasts are judged, never used
         return [name for name in self.models if name not in skipped and (judged or not recipes()[name].is_forecast)]
 
-    def settings(self, kind: type[Settings]) -> Settings:
-        """The settings of one kind of models."""
-        return settings_in(self.model_settings, kind)
-
     @property
     def body(self) -> RigidBody:
         """The nominal body that residuals correct."""
@@ -120,7 +115,8 @@ def fit_task(
 
     def member(other: str) -> Model:
         models = config.models_of(split)
-        if other not in models[: models.index(name)] or not is_stored(folder, other):
+        is_stored = all((folder / f"{other}.{ending}").is_file() for ending in ("json", "npz"))
+        if other not in models[: models.index(name)] or not is_stored:
             raise InputError("train.models", f"{name} before {other}", f"{other} before it", "correct conf/train")
         return load(folder, other).model
 

@@ -87,11 +87,6 @@ def make_logger(config: LoggerConfig, models: Path, run: str) -> Any:
     return LOGGERS[config.name](Path(config.folder), place_of(models), run)
 
 
-def prepare(config: LoggerConfig, models: Path) -> None:
-    """Look for the logger's package before any work, and make what trainings side by side would make twice."""
-    make_logger(config, models, "no run is begun by this")
-
-
 def place_of(models: Path) -> Path:
     """The folder of the models relative to the working folder, or its whole path without the root."""
     whole, here = models.resolve(), Path.cwd()

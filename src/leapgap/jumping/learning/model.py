@@ -9,8 +9,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.learning.windows import RolloutInputs, Windows
-from leapgap.jumping.models.affine_model import AffineModel, PredictionModel, Situation
-from leapgap.jumping.models.rigid_body import GRAVITY, RigidBody, advance
+from leapgap.jumping.models.rigid_body import GRAVITY, AffineModel, PredictionModel, RigidBody, Situation, advance
 
 OUTPUTS = 15  # bias (3), by_force (3 × 4)
 PHASES = ("contact", "flight")
@@ -137,9 +136,18 @@ class ResidualModel(Model, PredictionModel):
         """The curvature of the nominal body."""
         return self.nominal.curvature
 
-    @abstractmethod
     def residual(self, situation: Situation, contact: np.ndarray) -> AffineModel:
         """h and G at n moments of contact or flight (bool, (n,)); what is added to ``nominal``."""
+        found = AffineModel(np.zeros((len(contact), 3)), np.zeros((len(contact), 3, 4)))
+        for phase, mask in zip(PHASES, (contact, ~contact), strict=True):
+            own = self.residual_in(phase, situation.at(mask)) if mask.any() else None
+            if own is not None:
+                found.bias[mask], found.by_force[mask] = own.bias, own.by_force
+        return found
+
+    def residual_in(self, phase: str, situation: Situation) -> AffineModel | None:
+        """h and G at moments of one phase; None where there is no residual."""
+        return None
 
     def affine(self, situation: Situation, contact: np.ndarray) -> AffineModel:
         """Nominal and residual together, n moments in one batch: what the roll-out and the MPC use."""

@@ -19,12 +19,16 @@ NOON_OF_ZIP = (1980, 1, 1, 0, 0, 0)  # One date for every member, so that equal 
 LARGEST_BYTES = 2 << 30  # Largest size of all arrays of a file together
 LARGEST_HEADER = 100_000  # Bytes in which an array states its shape and type
 KINDS = "biuf"  # Kinds of values that arrays may have: truth values and numbers
-AGAIN = "run it again"
+BROKEN: tuple[type[BaseException], ...] = (
+    *(ValueError, EOFError, OSError, KeyError, NotImplementedError, RuntimeError, SyntaxError, MemoryError),
+    *(zipfile.BadZipFile, zlib.error),
+)
+"""What reading a broken archive of arrays raises."""
 
 
 def write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Like ``numpy.savez``, without the clock: equal arrays give equal bytes."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+    """Like ``numpy.savez``, but whole and without the clock: equal arrays give equal bytes."""
+    with whole_file(path) as beside, zipfile.ZipFile(beside, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():
             member = BytesIO()
             np.lib.format.write_array(member, np.ascontiguousarray(array), allow_pickle=False)
@@ -47,16 +51,9 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
             if sum(member.file_size for member in members) > LARGEST_BYTES:
                 raise ValueError(f"arrays of more than {LARGEST_BYTES >> 30} GiB")
             return {member.filename.removesuffix(".npy"): read_member(archive, member) for member in members}
-    except (ValueError, EOFError, OSError, KeyError, NotImplementedError, RuntimeError, SyntaxError) as error:
-        raise broken(path, error) from None
-    except (zipfile.BadZipFile, zlib.error, MemoryError) as error:
-        raise broken(path, error) from None
-
-
-def broken(path: Path, error: BaseException) -> InputError:
-    """The refusal of a file that is no whole archive of arrays."""
-    said = " ".join(str(error).split()) or type(error).__name__
-    return InputError(path, f"no whole archive ({said})", "arrays written by a stage", AGAIN)
+    except BROKEN as error:
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(path, f"no whole archive ({said})", "arrays written by a stage", "run it again") from None
 
 
 def read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from leapgap.errors import InputError
-from leapgap.jumping.learning import loggers
 from leapgap.jumping.learning.experiment import Split, TrainConfig, fit_task, fit_uncertainty, folds, sessions
+from leapgap.jumping.learning.loggers import make_logger
 from leapgap.jumping.learning.model_files import read_npz, write_csv
 from leapgap.jumping.learning.recipe import ModelRecipe, ModelSettings
 from leapgap.jumping.learning.store import StoredModel, export_model, find_recipe, load, recipes, save
@@ -46,7 +46,8 @@ def train(
         write_json(out / NOTE, {"note": "no logs: nothing was trained"})
         return []
     (out / NOTE).unlink(missing_ok=True)
-    loggers.prepare(config.logger, out)
+    # Looks for the logger's package before any work, and makes what trainings side by side would make twice.
+    make_logger(config.logger, out, "no run is begun by this")
     jumps = windows.jumps
     splits = [*folds(jumps, config.folds), *sessions(jumps, config.sessions or []), Split("all", tuple(jumps), ())]
     jobs = [SplitJob(windows, config, split, cache) for split in splits]

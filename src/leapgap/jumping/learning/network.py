@@ -10,7 +10,7 @@ import numpy as np
 from leapgap.jumping.learning.model import OUTPUTS, Nominal, Part, ResidualModel
 from leapgap.jumping.learning.model_files import arrays_below
 from leapgap.jumping.learning.windows import RolloutInputs, drop_forces
-from leapgap.jumping.models.affine_model import AffineModel, Situation, columns, selection
+from leapgap.jumping.models.rigid_body import AffineModel, Situation, columns, selection
 
 NETWORKS = ("contact/h", "contact/G", "flight/h")  # h1, G1 and h2 of the paper
 
@@ -64,14 +64,10 @@ class NetworkModel(ResidualModel):
     flight: Scaling
     networks: dict[str, Mlp]  # By the names of ``NETWORKS``
 
-    def residual(self, situation: Situation, contact: np.ndarray) -> AffineModel:
+    def residual_in(self, phase: str, situation: Situation) -> AffineModel | None:
         """h and G, mean of the members."""
-        bias, by_force = np.zeros((len(contact), 3)), np.zeros((len(contact), 3, 4))
-        for pushing, mask in ((True, contact), (False, ~contact)):
-            if mask.any():
-                found = self.members(situation.at(mask), pushing)
-                bias[mask], by_force[mask] = found.bias.mean(axis=0), found.by_force.mean(axis=0)
-        return AffineModel(bias, by_force)
+        found = self.members(situation, phase == "contact")
+        return AffineModel(found.bias.mean(axis=0), found.by_force.mean(axis=0))
 
     def members(self, situation: Situation, pushing: bool) -> AffineModel:
         """h (S, n, 3) and G (S, n, 3, 4) of each of the S members, at moments of one phase."""

@@ -33,11 +33,16 @@ class ModelSettings:
 Settings = TypeVar("Settings", bound=ModelSettings)
 
 
-def settings_in(departures: Mapping[str, ModelSettings], kind: type[Settings]) -> Settings:
-    """The settings of a kind in a mapping by section, or its defaults where the mapping has none."""
-    settings = departures.get(kind.section, kind())
-    assert isinstance(settings, kind)
-    return settings
+class WithModelSettings:
+    """Base of what holds settings of models by their section, where they are not the defaults."""
+
+    model_settings: Mapping[str, ModelSettings]
+
+    def settings(self, kind: type[Settings]) -> Settings:
+        """The settings of one kind of models."""
+        settings = self.model_settings.get(kind.section, kind())
+        assert isinstance(settings, kind)
+        return settings
 
 
 @dataclass
@@ -78,7 +83,7 @@ class TrainingRun:
 
 
 @dataclass(frozen=True)
-class FitTask:
+class FitTask(WithModelSettings):
     """The data and settings from which a recipe fits one model of one split."""
 
     train: Windows
@@ -86,13 +91,8 @@ class FitTask:
     body: RigidBody  # The nominal body that residuals correct
     curvature: float  # Curvature of the steps' positions, as in ``rigid_body.advance``
     model_settings: Mapping[str, ModelSettings]
-    """Settings of models by their section, where they are not the defaults; ``settings`` finds those of one kind."""
     run: TrainingRun
     member: Callable[[str], Model]  # Another recipe's model of this split, by name; ``InputError`` without
-
-    def settings(self, kind: type[Settings]) -> Settings:
-        """The settings of one kind of models."""
-        return settings_in(self.model_settings, kind)
 
 
 def configured_inputs(inputs: dict[str, float], uses_phase: bool, uses_feet: bool = True) -> dict[str, float]:
@@ -137,18 +137,13 @@ class ModelRecipe(ABC):
 
 
 @dataclass(frozen=True)
-class DeviationTask:
+class DeviationTask(WithModelSettings):
     """The jumps and settings from which a recipe fits one model."""
 
     jumps: Sequence[DeviatingJump]
     body: RigidBody
     model_settings: Mapping[str, ModelSettings] = field(default_factory=dict)
-    """Settings of models by their section, where they are not the defaults."""
     seed: int = 0
-
-    def settings(self, kind: type[Settings]) -> Settings:
-        """The settings of one kind of models."""
-        return settings_in(self.model_settings, kind)
 
 
 class DeviationRecipe(ABC):

@@ -14,7 +14,7 @@ from leapgap.jumping.learning.model import Model, ResidualModel
 from leapgap.jumping.learning.model_files import check_finite, is_finite, read_model, write_npz
 from leapgap.jumping.learning.recipe import DeviationRecipe, ModelRecipe, ModelSettings
 from leapgap.jumping.learning.windows import Purpose, RolloutInputs
-from leapgap.jumping.models.affine_model import KNOWN
+from leapgap.jumping.models.rigid_body import KNOWN
 from leapgap.registry import classes_by_name
 from leapgap.runtime.atomic_io import whole_file, write_json
 
@@ -89,8 +89,7 @@ def save(stored: StoredModel, folder: Path, name: str) -> None:
     if not is_finite(settings):
         raise InputError(f"model {name}", "a setting that is not finite", "finite numbers", do)
     folder.mkdir(parents=True, exist_ok=True)
-    with whole_file(folder / f"{name}.npz") as beside:
-        write_npz(beside, arrays)
+    write_npz(folder / f"{name}.npz", arrays)
     write_json(
         folder / f"{name}.json",
         {
@@ -124,11 +123,6 @@ def stored_model(about: Mapping[str, Any], arrays: dict[str, np.ndarray]) -> Sto
     return StoredModel(model, purpose, tuple(about["trained_on"]), about["key"])
 
 
-def is_stored(folder: Path, name: str) -> bool:
-    """Whether both files of a model are there."""
-    return (folder / f"{name}.json").is_file() and (folder / f"{name}.npz").is_file()
-
-
 EXPORT_VERSION = 2
 
 
@@ -155,8 +149,7 @@ def export_model(stored: StoredModel, folder: Path, name: str, deviation: np.nda
         "parts": {phase: [part.kind for part in flat.parts] for phase, flat in phases.items()},
     }
     folder.mkdir(parents=True, exist_ok=True)
-    with whole_file(folder / f"{name}.npz") as beside:
-        write_npz(beside, arrays)
+    write_npz(folder / f"{name}.npz", arrays)
     from leapgap.jumping.learning import onnx_graph  # onnx is imported only where it is written
 
     with whole_file(folder / f"{name}.onnx") as beside:

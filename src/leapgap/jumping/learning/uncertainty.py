@@ -6,7 +6,7 @@ along the roll-out, says by how much a situation is less familiar than those wer
 err alike, so the same deviations serve them; coverage on held-out jumps is judged for each model in ``evaluation``.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,9 +15,8 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.jumping.learning.model_files import check_finite, read_npz, write_npz
 from leapgap.jumping.learning.models.kernel import PHASES, KernelConfig, KernelModel, KernelPart, gauss, training_steps
-from leapgap.jumping.learning.windows import RolloutInputs, Windows
-from leapgap.jumping.models.affine_model import Situation, columns
-from leapgap.runtime.atomic_io import whole_file
+from leapgap.jumping.learning.windows import RolloutInputs, Windows, spread_evenly
+from leapgap.jumping.models.rigid_body import Situation, columns
 
 LEVELS = (0.5, 0.8, 0.95)  # Of the intervals whose width is fitted and whose coverage is checked
 MOST_REFITS, MOST_LEFT_OUT = 24, 64
@@ -85,7 +84,7 @@ def fit(windows: Windows, fit_kernel: Callable[[Windows], KernelModel], config: 
     """
     whole = kernel_posterior(fit_kernel(windows), config)
     squared, unfamiliar = [], []
-    for jump in spread_evenly(windows.jumps, MOST_LEFT_OUT):
+    for jump in [windows.jumps[i] for i in spread_evenly(len(windows.jumps), MOST_LEFT_OUT)]:
         left_out = windows.of_jumps([jump])
         if len(windows.jumps) <= MOST_REFITS:
             one = kernel_posterior(
@@ -98,12 +97,6 @@ def fit(windows: Windows, fit_kernel: Callable[[Windows], KernelModel], config: 
     variance, familiar = np.array(squared), np.array(unfamiliar)
     widened = smooth_mean(variance) * widening_factor(variance, familiar) ** 2
     return PredictionUncertainty(whole.kernel, whole.inverse, whole.ridge, widened, familiar.mean(axis=0))
-
-
-def spread_evenly(jumps: Sequence[str], most: int) -> list[str]:
-    """All jumps, or so many of them at equal distances."""
-    number = min(most, len(jumps))
-    return [jumps[i * len(jumps) // number] for i in range(number)]
 
 
 def without_jump(whole: PredictionUncertainty, windows: Windows, jump: int) -> PredictionUncertainty:
@@ -164,8 +157,7 @@ def widening_factor(squared: np.ndarray, unfamiliar: np.ndarray) -> float:
 def save(uncertainty: PredictionUncertainty, path: Path) -> None:
     """Write the deviations, not the kernel: that is stored as a model."""
     ridge = np.array([uncertainty.ridge["contact"], uncertainty.ridge["flight"]])
-    with whole_file(path) as beside:
-        write_npz(beside, {"variance": uncertainty.variance, "familiar": uncertainty.familiar, "ridge": ridge})
+    write_npz(path, {"variance": uncertainty.variance, "familiar": uncertainty.familiar, "ridge": ridge})
 
 
 def load(path: Path, kernel: KernelModel) -> PredictionUncertainty:

@@ -2,11 +2,11 @@
 
 A window slides by one step (paper, training): H jumps of N steps give D = H (N − K + 1) windows of K steps.
 
-The steps begin at the rows that the schedule names, since a controller counts its own rows. How long they last is what
-the log claims, or what its own clock says (``leapgap.logs.row_clock``), with the samples at the instants of the rows.
+The steps begin at the rows that the schedule names, since a controller counts its own rows, and last as long as the log
+claims.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,22 +14,17 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.learning.windows import KINDS, TimeGrid, Windows, shapes_of
-from leapgap.jumping.models.affine_model import AffineModel
-from leapgap.jumping.models.rigid_body import CURVATURE, PlannedSteps, advance
+from leapgap.jumping.models.rigid_body import CURVATURE, AffineModel, PlannedSteps, advance
 from leapgap.jumping.task import begin_of, schedule_of, target_of
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import per_axis, per_pair
 from leapgap.logs.reading import read_folder
-from leapgap.logs.row_clock import RowClock, with_clock
-from leapgap.logs.row_clock_estimate import uneven_clocks
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
 from leapgap.robot.kinematics import feet_in_world
 from leapgap.robot.model import Robot
 from leapgap.robot.topology import PAIRS
 
 STATE_COLUMNS = ("base_pos_x", "base_pos_z", *BASE_QUATERNION, "base_linvel_x", "base_linvel_z", "base_angvel_y")
-
-CLAIMED, OWN = "claimed", "own"  # Clocks that windows are cut by: what a log claims, or its own where rows are uneven
 
 
 @dataclass
@@ -41,7 +36,6 @@ class ChunkSettings:
     flight_step_s: float
     steps: int
     force: str
-    clock: str
     out: str | None = None
 
     @property
@@ -53,28 +47,16 @@ class ChunkSettings:
 def cut_folder(settings: ChunkSettings, robot: Robot, progress: Callable[[str], None]) -> Windows:
     """Cut the jump logs of a folder into windows; ``progress`` is told what was read."""
     readings = read_folder(Path(settings.logs), robot)
-    if settings.clock not in (CLAIMED, OWN):
-        raise InputError("chunk.clock", settings.clock, f"{CLAIMED} or {OWN}", "correct conf/chunk")
-    clocks = uneven_clocks(readings.logs, robot.joints) if settings.clock == OWN else {}
-    extracted = cut(readings.logs, settings.grid, robot, settings.force, clocks)
+    extracted = cut(readings.logs, settings.grid, robot, settings.force)
     for line in readings.lines():
         progress(line)
-    if settings.clock == OWN:
-        progress(f"{len(clocks)} of {len(readings.logs)} logs cut by their own clock")
     return extracted
 
 
-def cut(
-    jumps: Sequence[Log],
-    grid: TimeGrid,
-    robot: Robot,
-    force: str = "total",
-    clocks: Mapping[str, RowClock] | None = None,
-) -> Windows:
+def cut(jumps: Sequence[Log], grid: TimeGrid, robot: Robot, force: str = "total") -> Windows:
     """Cut jump logs, which share one contact schedule, into windows; none gives valid windows without any.
 
-    ``force``: which forces the windows carry, a key of ``FORCES``. ``clocks`` by the log's name: logs that are cut by a
-    clock of their own; the others by the time that they claim.
+    ``force``: which forces the windows carry, a key of ``FORCES``.
     """
     if force not in FORCES:
         raise InputError("chunk.force", force, f"one of {', '.join(FORCES)}", "correct conf/chunk")
@@ -83,8 +65,7 @@ def cut(
             do = "keep jumps of different schedules in different folders"
             raise InputError(jump.name, str(schedule_of(jump)), f"{schedule_of(jumps[0])}, as in {jumps[0].name}", do)
     schedule = schedule_of(jumps[0]) if jumps else None
-    own = clocks or {}
-    pieces = [cut_jump(jump, grid, robot, FORCES[force], own.get(jump.name)) for jump in jumps]
+    pieces = [cut_jump(jump, grid, robot, FORCES[force]) for jump in jumps]
     shapes = {name: (0, *shape) for name, shape in shapes_of(grid.steps).items() if name != "jump"}
     pieces = pieces or [{name: np.zeros(shape, KINDS.get(name, float)) for name, shape in shapes.items()}]
     arrays = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
@@ -92,25 +73,33 @@ def cut(
     return Windows(grid, schedule, robot.name, robot.sha256, tuple(jump.name for jump in jumps), jump=numbers, **arrays)
 
 
-def cut_jump(
-    jump: Log, grid: TimeGrid, robot: Robot, forces_of: Callable[[Log], np.ndarray], clock: RowClock | None = None
-) -> dict[str, np.ndarray]:
-    """The arrays of one jump's N − K + 1 windows, by their names in ``Windows``; by the log's own ``clock``, if any."""
+def cut_jump(jump: Log, grid: TimeGrid, robot: Robot, forces_of: Callable[[Log], np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays of one jump's N − K + 1 windows, by their names in ``Windows``."""
     schedule = schedule_of(jump)
     if begin_of(jump) > 0:
         found, expected = f"a stand of {begin_of(jump):g} s before the jump", "a jump that begins with the first row"
         raise InputError(jump.name, found, expected, "cut the rows before it off")
     try:
-        total, contact = grid.jump_steps(schedule), grid.contact_steps(schedule)
+        total, times = grid.jump_steps(schedule), grid.sample_times(schedule)
     except InputError as error:
         raise InputError(f"{jump.name}, {error.where}", error.found, error.expected, error.do) from None
     if grid.steps > total:
         says, wanted = f"windows of {grid.steps} steps", f"{total} steps or fewer: all that this jump's schedule has"
         raise InputError(jump.name, says, wanted, "shorten the window (chunk.steps), or make the steps shorter")
-    times = grid.sample_times(schedule)
-    rows, lengths = rows_at(jump, times), np.diff(times)
-    if clock is not None:
-        jump, rows, lengths = by_own_clock(jump, clock, rows)
+    return cut_at(jump, rows_at(jump, times), np.diff(times), grid, robot, forces_of)
+
+
+def cut_at(
+    jump: Log,
+    rows: np.ndarray,
+    lengths: np.ndarray,
+    grid: TimeGrid,
+    robot: Robot,
+    forces_of: Callable[[Log], np.ndarray],
+) -> dict[str, np.ndarray]:
+    """The same from the rows of the samples (N + 1,) and the lengths of the steps (N,), s."""
+    schedule = schedule_of(jump)
+    total, contact, times = len(lengths), grid.contact_steps(schedule), grid.sample_times(schedule)
     state = states(jump)[rows]
     force = np.where(np.arange(total)[:, None] < contact, forces_of(jump)[rows[:-1]], 0.0)
     foot = feet(jump, robot, rows[:-1])
@@ -128,22 +117,6 @@ def cut_jump(
         "step_s": lengths[step],
         "contact": step < contact,
     }
-
-
-def by_own_clock(jump: Log, clock: RowClock, rows: np.ndarray) -> tuple[Log, np.ndarray, np.ndarray]:
-    """A log by its own clock, some of its rows there, and the time from each of them to the next, s.
-
-    ``InputError`` where a step has no length: nothing can be learned from it.
-    """
-    own, kept = with_clock(jump, clock)
-    there = (np.cumsum(kept) - kept)[rows]  # rows of one instant are one, at the place of the last of them
-    lengths = np.diff(own.time[there])
-    if (lengths <= 0).any():
-        step = int(np.flatnonzero(lengths <= 0)[0])
-        where = f"{jump.name}, rows {rows[step]} to {rows[step + 1]}"
-        do = "leave this log out, make the steps longer, or set chunk.clock=claimed"
-        raise InputError(where, "no time that passed, by the log's own clock", "steps of the grid that last", do)
-    return own, there, lengths
 
 
 def rows_at(jump: Log, times_s: np.ndarray) -> np.ndarray:

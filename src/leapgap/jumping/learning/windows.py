@@ -13,7 +13,7 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.learning.model_files import check_finite, read_npz, write_npz
-from leapgap.jumping.models.affine_model import Situation
+from leapgap.jumping.models.rigid_body import Situation
 from leapgap.jumping.task import ContactSchedule
 from leapgap.runtime.atomic_io import read_json, write_json
 
@@ -114,15 +114,8 @@ class Windows:
     @property
     def inputs(self) -> RolloutInputs:
         """What a model may know of them: everything but the states after the first."""
-        return RolloutInputs(
-            state=self.state[:, 0],
-            force=self.force,
-            foot=self.foot,
-            contact=self.contact,
-            time_s=self.time_s[:, :-1],
-            step_s=self.step_s,
-            start=self.start,
-        )
+        shared = {name: getattr(self, name) for name in ("force", "foot", "contact", "step_s", "start")}
+        return RolloutInputs(state=self.state[:, 0], time_s=self.time_s[:, :-1], **shared)
 
     def of_jumps(self, names: Sequence[str]) -> "Windows":
         """The windows of some of the jumps only, in their order here."""
@@ -135,10 +128,14 @@ class Windows:
 
     def thin(self, most: int) -> "Windows":
         """The same windows, or ``most`` of them spread evenly."""
-        if len(self) <= most:
-            return self
-        kept = np.arange(most) * len(self) // most
-        return replace(self, **{name: getattr(self, name)[kept] for name in ARRAYS})
+        kept = spread_evenly(len(self), most)
+        return self if len(kept) == len(self) else replace(self, **{name: getattr(self, name)[kept] for name in ARRAYS})
+
+
+def spread_evenly(count: int, most: int) -> np.ndarray:
+    """Places of all of ``count`` items, or of ``most`` of them at equal distances."""
+    number = min(most, count)
+    return np.arange(number) * count // max(number, 1)
 
 
 Motion = TypeVar("Motion", RolloutInputs, Windows)
@@ -192,6 +189,9 @@ def write(windows: Windows, folder: Path) -> None:
     check(windows, "the windows")
     folder.mkdir(parents=True, exist_ok=True)
     left_out = {"step_s"} if windows.steps_as_scheduled else set()
+    note = "" if windows.steps_as_scheduled else "steps are as long as they were by the logs' own clock"
+    if not len(windows):
+        note = "no logs: nothing was cut"
     write_npz(folder / "windows.npz", {name: getattr(windows, name) for name in ARRAYS if name not in left_out})
     write_json(
         folder / "windows.json",
@@ -199,20 +199,13 @@ def write(windows: Windows, folder: Path) -> None:
             "format_version": FORMAT_VERSION,
             "windows": len(windows),
             "jumps": list(windows.jumps),
-            "note": note(windows),
+            "note": note,
             "grid": asdict(windows.grid),
             "schedule": asdict(windows.schedule) if windows.schedule else None,
             "robot": windows.robot,
             "robot_sha256": windows.robot_sha256,
         },
     )
-
-
-def note(windows: Windows) -> str:
-    """What a reader of ``windows.json`` should know, empty where there is nothing."""
-    if not len(windows):
-        return "no logs: nothing was cut"
-    return "" if windows.steps_as_scheduled else "steps are as long as they were by the logs' own clock"
 
 
 def read(folder: Path) -> Windows:

@@ -9,7 +9,7 @@ angles up to it. ``JointMap`` holds how a robot's own joints count.
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 
 import mujoco
 import numpy as np
@@ -262,15 +262,9 @@ def snap_to_zero(angle: float) -> float:
 
 def mean_leg(legs: Sequence[PlanarLeg]) -> PlanarLeg:
     """Mean of the left and the right leg, which are mirror images up to rounding in their files."""
-
-    def mean(values: Sequence[float]) -> float:
-        return float(np.mean(values))
-
-    def link(links: Sequence[PlanarLink]) -> PlanarLink:
-        return PlanarLink(*(mean([getattr(each, part) for each in links]) for part in PlanarLink.__dataclass_fields__))
-
-    hip_x, hip_z = (mean([getattr(leg, part) for leg in legs]) for part in ("hip_x", "hip_z"))
-    return PlanarLeg(hip_x, hip_z, link([leg.thigh for leg in legs]), link([leg.calf for leg in legs]))
+    rows = [(leg.hip_x, leg.hip_z, *astuple(leg.thigh), *astuple(leg.calf)) for leg in legs]
+    hip_x, hip_z, *links = np.mean(rows, axis=0).tolist()
+    return PlanarLeg(hip_x, hip_z, PlanarLink(*links[:5]), PlanarLink(*links[5:]))
 
 
 IN_PLANS = ("armature", "com_offset", "joint_damping", "leg_mass", "payload", "trunk_inertia")

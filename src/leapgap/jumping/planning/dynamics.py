@@ -150,13 +150,3 @@ def inverse_dynamics_residual(robot: PlanarRobot, q: Any, v: Any, a: Any, torque
         trunk_moment = trunk_moment - hip_drive + leg.trunk_to_hip.moment_of(hip_force)
         total = total + hip_force
     return [total.x, total.z, trunk_moment, *leg_moments]
-
-
-def centre_of_mass(robot: PlanarRobot, q: np.ndarray) -> np.ndarray:
-    """Centre of mass of the whole robot, (x, z), m, at q (7,)."""
-    trunk = Vector(q[X], q[Z]) + rotate(robot.trunk_com_x, robot.trunk_com_z, q[PITCH])
-    moment = robot.trunk_mass * trunk
-    for leg, of in zip(legs(robot, q), robot.legs, strict=True):
-        moment = moment + (2 * of.thigh.mass) * (leg.hip + leg.hip_to_thigh_com)
-        moment = moment + (2 * of.calf.mass) * (leg.knee + leg.knee_to_calf_com)
-    return np.array([float(moment.x), float(moment.z)]) / robot.total_mass

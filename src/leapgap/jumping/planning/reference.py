@@ -23,7 +23,7 @@ from leapgap.jumping.models.planar import PlanarRobot, planar_robot
 from leapgap.jumping.planning.dynamics import JOINT, JOINTS, PITCH, X, Z
 from leapgap.jumping.planning.problem import Grid, Limits, Problem, Weights, start_feet, terrain
 from leapgap.jumping.planning.solve import Solution, solve_all
-from leapgap.jumping.task import ContactSchedule, Target, jump_info, schedule_of
+from leapgap.jumping.task import ContactSchedule, JointGains, Target, jump_info, schedule_of
 from leapgap.logs.log import Log, read_log, write_log
 from leapgap.logs.schema import PAIR_FORCE_AXES
 from leapgap.robot.model import Robot
@@ -32,14 +32,7 @@ from leapgap.runtime.atomic_io import write_json, write_metrics
 from leapgap.runtime.output_folder import whole_folder
 
 SAMPLES_PER_SECOND = 1000
-
-
-@dataclass(frozen=True)
-class Gains:
-    """Gains of the joint PD that tracks a reference; as published 300 and 3 on every joint."""
-
-    kp_nm_per_rad: float = 300.0
-    kd_nms_per_rad: float = 3.0
+PUBLISHED_GAINS = JointGains()  # 300 and 3 on every joint
 
 
 def name_of(target: Target) -> str:
@@ -54,7 +47,7 @@ def name_of(target: Target) -> str:
     return f"h{centimetres(target.z_m)}_d{centimetres(target.x_m)}"
 
 
-def to_jump(solution: Solution, gains: Gains) -> Log:
+def to_jump(solution: Solution, gains: JointGains = PUBLISHED_GAINS) -> Log:
     """The reference of a plan: motion, forces and commands at each millisecond up to the landing."""
     problem = solution.problem
     grid = problem.grid
@@ -123,7 +116,7 @@ def base_columns(problem: Problem, q: np.ndarray, v: np.ndarray) -> dict[str, np
 
 
 def joint_columns(
-    robot: PlanarRobot, q: np.ndarray, v: np.ndarray, torque: np.ndarray, gains: Gains
+    robot: PlanarRobot, q: np.ndarray, v: np.ndarray, torque: np.ndarray, gains: JointGains
 ) -> dict[str, np.ndarray]:
     """Columns of the joints in the robot's convention: half of a pair's torque for each leg, abduction at zero."""
     still = np.zeros(len(q))
@@ -199,7 +192,7 @@ def reference_to(
 def plan_reference(target: Target, planar: PlanarRobot, schedule: ContactSchedule = PUBLISHED_SCHEDULE) -> Log:
     """Plan the reference to a target for a planar robot."""
     (solution,) = solve_all([Problem(target, Grid(schedule), planar)])
-    return to_jump(solution, Gains())
+    return to_jump(solution)
 
 
 INDEX, BESIDE = "references.json", "beside"
@@ -218,7 +211,7 @@ class OptimizeSettings:
     schedule: ContactSchedule = field(default_factory=ContactSchedule)
     weights: Weights = field(default_factory=Weights)
     limits: Limits = field(default_factory=Limits)
-    gains: Gains = field(default_factory=Gains)
+    gains: JointGains = PUBLISHED_GAINS
 
     def problems(self, targets: Iterable[Target], planar: PlanarRobot) -> list[Problem]:
         """The problem of each target."""
@@ -272,7 +265,7 @@ def write_all(solutions: Sequence[Solution], settings: OptimizeSettings, out: Pa
     return {f"cost/{name_of(one.problem.target)}": float(one.cost) for one in solutions}
 
 
-def write_references(solutions: Iterable[Solution], folder: Path, gains: Gains) -> None:
+def write_references(solutions: Iterable[Solution], folder: Path, gains: JointGains) -> None:
     """A jump log for each solution, and ``references.json``, their list in order; no file holds a time stamp."""
     index = []
     for solution in solutions:

@@ -91,13 +91,6 @@ class Solution:
     seconds: float
     iterate: Iterate
 
-    @property
-    def reason(self) -> str:
-        """Why there is no plan; empty where there is one."""
-        if self.solved:
-            return ""
-        return f"{self.status} after {self.iterations} iterations; broken most: {self.worst}"
-
 
 @dataclass(frozen=True)
 class Planner:
@@ -143,7 +136,7 @@ class Planner:
     def solve(self, problem: Problem, near: Solution | None = None) -> Solution:
         """Plan a jump, from ``near`` if that leads to a solution, else from the published first guess.
 
-        Always returns a ``Solution``; where no plan was found, ``solved`` is false and ``reason`` says why.
+        Always returns a ``Solution``; where no plan was found, ``solved`` is false, and ``worst`` is broken most.
         """
         self.prepare()
         start = time.perf_counter()
@@ -202,10 +195,7 @@ class Planner:
         )
 
 
-@lru_cache(maxsize=16)
-def planner(grid: Grid, robot: PlanarRobot, weights: Weights, limits: Limits, boxes: tuple[Box, ...] = ()) -> Planner:
-    """The planner of these settings; it is cached, because building it takes longer than planning a jump."""
-    return Planner(grid, robot, weights, limits, boxes)
+planner = lru_cache(maxsize=16)(Planner)  # Kept, because building it takes longer than planning a jump
 
 
 def solve(problem: Problem, near: Solution | None = None) -> Solution:
@@ -351,14 +341,9 @@ class PlanFamily:
         direct = planner.continue_from(problem, start)
         if direct.solved or not halvings or not start.solved:
             return direct
-        middle = (coordinates(start.problem) + at) / 2
+        middle = (np.append(landing_goal(start.problem), start.problem.stance_pitch_rad) + at) / 2
         half = self._continue(boxes, start, target, middle, halvings - 1)
         return self._continue(boxes, half, target, at, halvings - 1) if half.solved else direct
-
-
-def coordinates(problem: Problem) -> np.ndarray:
-    """x, z and pitch of a plan's goal, and pitch of its stance, (4,), m, m, rad, rad."""
-    return np.append(landing_goal(problem), problem.stance_pitch_rad)
 
 
 def toward_origin(index: Index) -> Index:
@@ -369,7 +354,4 @@ def toward_origin(index: Index) -> Index:
     return tuple(int(n) for n in steps)
 
 
-@lru_cache(maxsize=16)
-def plan_family(robot: PlanarRobot, grid: Grid, limits: Limits, config: FamilyConfig) -> PlanFamily:
-    """The family of these settings; it is cached, so that its lattice is planned once."""
-    return PlanFamily(robot, grid, limits, config)
+plan_family = lru_cache(maxsize=16)(PlanFamily)  # Kept, so that its lattice is planned once

@@ -79,15 +79,10 @@ def colour_of(model: str) -> str:
     return MEASURED_COLOUR if model == MEASURED else find_recipe(model, "figures of learned models").colour
 
 
-def six_panels(vertical_spacing: float = 0.14) -> go.Figure:
+def six_panels() -> go.Figure:
     """An empty figure with one panel for each component of the state."""
-    return make_subplots(
-        rows=2,
-        cols=3,
-        subplot_titles=list(COMPONENTS.values()),
-        horizontal_spacing=0.06,
-        vertical_spacing=vertical_spacing,
-    )
+    titles = list(COMPONENTS.values())
+    return make_subplots(rows=2, cols=3, subplot_titles=titles, horizontal_spacing=0.06, vertical_spacing=0.14)
 
 
 def add(

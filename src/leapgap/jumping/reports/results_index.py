@@ -169,18 +169,15 @@ SOURCES = (
 def sections(root: Path, published: bool | None = None) -> list[Section]:
     """Parts of the index of the project in ``root``: of published jumps, which have a pipeline of their own, of all
     else, or, where it is None, of both."""
-    kept = [one for one in SOURCES if published in (None, one.metrics.startswith("published/"))]
-    return [section(source, root) for source in kept]
-
-
-def section(source: Source, root: Path) -> Section:
-    """One part: what its files say."""
-    path = root / "metrics" / source.metrics
-    figures, bars = read_figures(source, path) if path.is_file() else ({}, {})
-    pages = {words: name for words, name in source.pages.items() if (root / "data" / name).is_file()}
-    data = root / "data" / source.report / "report.json" if source.report else None
-    sentence = read_json(data).get("sentence") if data is not None and data.is_file() else None
-    return Section(source, figures, bars, sentence, pages, not path.is_file())
+    found = []
+    for source in [one for one in SOURCES if published in (None, one.metrics.startswith("published/"))]:
+        path = root / "metrics" / source.metrics
+        figures, bars = read_figures(source, path) if path.is_file() else ({}, {})
+        pages = {words: name for words, name in source.pages.items() if (root / "data" / name).is_file()}
+        data = root / "data" / source.report / "report.json" if source.report else None
+        sentence = read_json(data).get("sentence") if data is not None and data.is_file() else None
+        found.append(Section(source, figures, bars, sentence, pages, not path.is_file()))
+    return found
 
 
 def read_figures(source: Source, path: Path) -> tuple[dict[str, str], dict[str, float]]:

@@ -8,8 +8,7 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.jumping.control.tracking import PhaseGains
 from leapgap.jumping.experiments.method import JointPdMethod, JumpTask, Method, shift_target
-from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig
-from leapgap.jumping.experiments.settings import LandSettings, PlanSource
+from leapgap.jumping.experiments.rig import Bench, LandSettings, MethodSettings, PlanSource, Rig
 from leapgap.jumping.task import Target
 from leapgap.logs.log import Log
 

@@ -10,7 +10,7 @@ import numpy as np
 from leapgap.effects import to_config
 from leapgap.jumping.control.goal_shift_mpc import GoalShiftConfig
 from leapgap.jumping.control.shifted_plan import GOAL_AXES, Observation, ShiftGrid
-from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner, LandingModel, best_goal, target_pose
+from leapgap.jumping.experiments.goal_directed_jump import LandingModel, best_goal, target_pose
 from leapgap.jumping.experiments.goal_shift_jump import (
     Authority,
     FeedbackConfig,
@@ -27,7 +27,6 @@ from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig
 from leapgap.jumping.experiments.simulated_shifts import ShiftSimulator, SimulatedShiftsConfig
 from leapgap.jumping.experiments.training_jumps import DATA_SHEET, SHARED, PracticeResult, identify_on, run_practice
 from leapgap.jumping.experiments.trial import TrialSpec
-from leapgap.jumping.models.planar import planar_robot
 
 
 @dataclass(frozen=True)
@@ -105,8 +104,7 @@ class LearnedGoalMpcSettings(MethodSettings):
         """Make the training jumps, and fit the model of the landing to them."""
         settings = rig.settings
         bench, observation = rig.bench, Observation(self.mpc.period_s, self.mpc.average_s)
-        planner = JumpPlanner(planar_robot(rig.robot), settings.schedule, settings.limits)
-        start = AimingMethod(rig.robot, bench.references, planner=planner, observation=observation)
+        start = AimingMethod(rig.robot, bench.references, planner=rig.planner, observation=observation)
         own = f"practice_{name}"
         learned = run_practice(bench, start, settings.practice, SHARED if observation == Observation() else own)
         print(f"{bench.hardware}: found {json.dumps(to_config(learned.effects))}", flush=True)

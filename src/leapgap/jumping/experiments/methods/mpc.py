@@ -9,7 +9,6 @@ import numpy as np
 from leapgap.errors import InputError
 from leapgap.jumping.control.inference import load
 from leapgap.jumping.control.mpc import DepartingMpc
-from leapgap.jumping.control.shifted_plan import DEVIATIONS
 from leapgap.jumping.control.tracking import Excitation, JointPd, JumpController, Reference
 from leapgap.jumping.experiments.goal_directed_jump import (
     GoalChoice,
@@ -19,18 +18,31 @@ from leapgap.jumping.experiments.goal_directed_jump import (
     LandingSamples,
 )
 from leapgap.jumping.experiments.method import AimingMethod, JumpTask, Method, MpcMethod, References, goal_choice
-from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig
-from leapgap.jumping.experiments.settings import GoalOffsets, LandSettings, LearnedMpcConfig, PlanSource, PracticeRounds
+from leapgap.jumping.experiments.rig import (
+    Bench,
+    GoalOffsets,
+    LandSettings,
+    LearnedMpcConfig,
+    MethodSettings,
+    PlanSource,
+    PracticeRounds,
+    Rig,
+)
 from leapgap.jumping.experiments.training_jumps import DATA_SHEET, run_practice
 from leapgap.jumping.experiments.trial import TrialSpec
 from leapgap.jumping.learning.models.kernel import DeviationKernelConfig
 from leapgap.jumping.learning.recipe import DeviationTask, ModelSettings
 from leapgap.jumping.learning.store import deviation_recipes
 from leapgap.jumping.learning.window_extraction import DeviatingJump, deviating_jump, rolled_out
-from leapgap.jumping.learning.windows import Purpose
-from leapgap.jumping.models.planar import planar_robot
-from leapgap.jumping.models.rigid_body import DeviationModel, NominalDeviation, RigidBodyModel
-from leapgap.jumping.planning.reference import Gains, to_jump
+from leapgap.jumping.learning.windows import Purpose, TimeGrid
+from leapgap.jumping.models.rigid_body import (
+    DeviationModel,
+    NominalDeviation,
+    PredictionModel,
+    RigidBody,
+    RigidBodyModel,
+)
+from leapgap.jumping.planning.reference import to_jump
 from leapgap.jumping.planning.solve import Solution, landing_goal
 from leapgap.jumping.task import Target, begin_of, metadata_of, target_of
 from leapgap.logs.cutting import rows_between
@@ -38,7 +50,7 @@ from leapgap.logs.log import Log
 from leapgap.simulation.sensors import SensorNoise
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class NominalMpcSettings(MethodSettings):
     """The MPC whose prediction model is the rigid body of the robot that the plans are made for."""
 
@@ -53,43 +65,39 @@ class NominalMpcSettings(MethodSettings):
         settings.grid(self.grid, name)
 
     def prepare(self, name: str, rig: Rig) -> Method | None:
-        """The MPC with the nominal rigid body; it needs no training."""
-        plans = rig.plans(self.plans)
-        if plans is None:
+        """The MPC with its model; None without plans or model."""
+        plans, grid = rig.plans(self.plans), rig.settings.grid(self.grid, name)
+        model = None if plans is None else self.model(name, rig, plans.body, grid)
+        if plans is None or model is None:
             return None
-        config = replace(rig.settings.mpc, grid=rig.settings.grid(self.grid, name))
-        return MpcMethod(rig.robot, plans.references, model=RigidBodyModel(plans.body), config=config)
+        return MpcMethod(rig.robot, plans.references, model=model, config=replace(rig.settings.mpc, grid=grid))
+
+    def model(self, name: str, rig: Rig, body: RigidBody, grid: TimeGrid) -> PredictionModel | None:
+        """The rigid body of the plans, which needs no training."""
+        return RigidBodyModel(body)
 
 
-@dataclass(frozen=True)
-class LearnedMpcSettings(MethodSettings):
+@dataclass(frozen=True, kw_only=True)
+class LearnedMpcSettings(NominalMpcSettings):
     """The MPC whose prediction model is ``land.model``, trained on all jumps for these steps."""
 
     name = "learned_mpc"
 
-    grid: str  # Steps of the MPC: a key of ``land.grids``
     models: str  # Folder of stage train: a key of ``land.models``
-    plans: PlanSource = PlanSource.own
 
     def check(self, name: str, settings: LandSettings) -> None:
-        """Refuse an unknown grid or folder, or plans without their inputs."""
-        settings.check_plans(self.plans)
-        settings.grid(self.grid, name)
+        """Refuse an unknown folder, too."""
+        super().check(name, settings)
         settings.folder(self.models, name)
 
-    def prepare(self, name: str, rig: Rig) -> Method | None:
-        """Read the exported model; without one the method is left out."""
-        plans = rig.plans(self.plans)
-        if plans is None:
-            return None
+    def model(self, name: str, rig: Rig, body: RigidBody, grid: TimeGrid) -> PredictionModel | None:
+        """Read the exported model; None, with a printed reason, where there is none."""
         settings = rig.settings
         folder = settings.folder(self.models, name) / "exported"
         if not folder.is_dir():
             print(f"{name}: no trained models in {folder}, left out", flush=True)
             return None
-        grid = settings.grid(self.grid, name)
-        model = load(folder, settings.model, Purpose(grid, settings.schedule, rig.robot.name, rig.robot.sha256))
-        return MpcMethod(rig.robot, plans.references, model=model, config=replace(settings.mpc, grid=grid))
+        return load(folder, settings.model, Purpose(grid, settings.schedule, rig.robot.name, rig.robot.sha256))
 
 
 @dataclass(frozen=True)
@@ -287,11 +295,6 @@ class GoalMpcJump(GoalDirectedJump):
         tracker.fallbacks, tracker.substituted = self.fallbacks, self.substituted
         return tracker
 
-    @property
-    def deviations(self) -> np.ndarray:
-        """None are kept, (0, 10): the model is of the whole log."""
-        return np.zeros((0, DEVIATIONS))
-
 
 @dataclass(frozen=True)
 class GoalMpcMethod(MpcMethod):
@@ -350,7 +353,7 @@ class GoalMpcMethod(MpcMethod):
 
 def plan_of(solution: Solution) -> Log:
     """A plan that states its goal as its target: models of the deviation know it by that."""
-    plan, (x_m, z_m, _) = to_jump(solution, Gains()), landing_goal(solution.problem)
+    plan, (x_m, z_m, _) = to_jump(solution), landing_goal(solution.problem)
     stated = metadata_of(solution.problem.grid.schedule, Target(float(x_m), float(z_m)))
     return replace(plan, info=replace(plan.info, extra=stated))
 
@@ -376,9 +379,8 @@ class GoalPractisedMpcSettings(PractisedMpcSettings):
     def start(self, name: str, rig: Rig) -> GoalMpcMethod:
         """Joint PD to goals that the training jumps taught."""
         settings, bench = rig.settings, rig.bench
-        planner = JumpPlanner(planar_robot(rig.robot), settings.schedule, settings.limits)
         first = replace(settings.practice, rounds=settings.practice.rounds[:1])
-        learned = run_practice(bench, AimingMethod(rig.robot, bench.references, planner=planner), first)
+        learned = run_practice(bench, AimingMethod(rig.robot, bench.references, planner=rig.planner), first)
         plain = super().start(name, rig)
         return GoalMpcMethod(
             rig.robot,

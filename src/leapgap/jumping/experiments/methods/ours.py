@@ -8,12 +8,10 @@ import numpy as np
 
 from leapgap.effects import to_config
 from leapgap.errors import InputError
-from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner, LandingModel
+from leapgap.jumping.experiments.goal_directed_jump import LandingModel
 from leapgap.jumping.experiments.method import AimingMethod, JumpTask, Method
-from leapgap.jumping.experiments.rig import Bench, MethodSettings, Rig
-from leapgap.jumping.experiments.settings import AdaptConfig
+from leapgap.jumping.experiments.rig import AdaptConfig, Bench, MethodSettings, Rig
 from leapgap.jumping.experiments.training_jumps import run_practice
-from leapgap.jumping.models.planar import planar_robot
 
 
 @dataclass(frozen=True)
@@ -25,8 +23,7 @@ class OursSettings(MethodSettings):
     def prepare(self, name: str, rig: Rig) -> Method | None:
         """Make the training jumps, and fit the planner and the landing model to them."""
         settings = rig.settings
-        planner = JumpPlanner(planar_robot(rig.robot), settings.schedule, settings.limits)
-        start = AimingMethod(rig.robot, rig.bench.references, planner=planner)
+        start = AimingMethod(rig.robot, rig.bench.references, planner=rig.planner)
         learned = run_practice(rig.bench, start, settings.practice)
         print(f"{rig.bench.hardware}: found {json.dumps(to_config(learned.effects))}", flush=True)
         return replace(start, planner=learned.planner, landing=LandingModel(learned.samples, settings.practice.aim))

@@ -10,7 +10,7 @@ from leapgap.jumping.learning.model_files import arrays_below
 from leapgap.jumping.learning.models.kernel import KernelModel
 from leapgap.jumping.learning.network import NetworkModel
 from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe
-from leapgap.jumping.models.affine_model import AffineModel, Situation
+from leapgap.jumping.models.rigid_body import AffineModel, Situation
 
 MEMBER_CLASSES: dict[str, type[ResidualModel]] = {member.kind: member for member in (KernelModel, NetworkModel)}
 

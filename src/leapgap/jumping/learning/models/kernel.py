@@ -19,9 +19,24 @@ from leapgap.jumping.learning.recipe import (
     configured_inputs,
 )
 from leapgap.jumping.learning.window_extraction import BALLISTIC_S, DeviatingJump
-from leapgap.jumping.learning.windows import RolloutInputs, Transitions, Windows, drop_forces, extract_transitions
-from leapgap.jumping.models.affine_model import AffineModel, Situation, check_names, columns, selection
-from leapgap.jumping.models.rigid_body import DeviationModel, PlannedSteps, RigidBody
+from leapgap.jumping.learning.windows import (
+    RolloutInputs,
+    Transitions,
+    Windows,
+    drop_forces,
+    extract_transitions,
+    spread_evenly,
+)
+from leapgap.jumping.models.rigid_body import (
+    AffineModel,
+    DeviationModel,
+    PlannedSteps,
+    RigidBody,
+    Situation,
+    check_names,
+    columns,
+    selection,
+)
 from leapgap.logs.pair_force import FORCES, per_axis
 
 MOST_STEPS = 2048  # Largest number of training steps of a phase: 64 jumps of 32 steps in contact
@@ -97,15 +112,12 @@ class KernelModel(ResidualModel):
     contact: KernelPart | None
     flight: KernelPart | None
 
-    def residual(self, situation: Situation, contact: np.ndarray) -> AffineModel:
+    def residual_in(self, phase: str, situation: Situation) -> AffineModel | None:
         """h and G; a phase that had no training step has none."""
-        bias, by_force = np.zeros((len(contact), 3)), np.zeros((len(contact), 3, 4))
-        for part, mask in ((self.contact, contact), (self.flight, ~contact)):
-            if part is not None and mask.any():
-                inputs = np.stack(columns(self.names, situation.at(mask)), axis=-1)
-                found = part.at((inputs - part.input_mean) / part.input_scale)
-                bias[mask], by_force[mask] = found.bias, found.by_force
-        return AffineModel(bias, by_force)
+        part: KernelPart | None = getattr(self, phase)
+        if part is None:
+            return None
+        return part.at((np.stack(columns(self.names, situation), axis=-1) - part.input_mean) / part.input_scale)
 
     def flat_residual(self, phase: str) -> tuple[np.ndarray, tuple[Part, ...]]:
         """The mean training residual and one kernel; a phase that had no training step has none."""
@@ -182,9 +194,7 @@ def training_steps(windows: Windows, pushing: bool) -> Transitions:
     """
     steps = extract_transitions(windows)
     mine = np.flatnonzero(steps.contact == pushing)
-    if len(mine) > MOST_STEPS:
-        mine = mine[np.arange(MOST_STEPS) * len(mine) // MOST_STEPS]
-    return steps.at(mine)
+    return steps.at(mine[spread_evenly(len(mine), MOST_STEPS)])
 
 
 def fit_part(steps: Transitions, nominal: Nominal, config: KernelConfig, pushing: bool) -> KernelPart:

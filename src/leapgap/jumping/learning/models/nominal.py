@@ -8,7 +8,6 @@ import numpy as np
 from leapgap.jumping.learning.model import Model, Nominal, Part, ResidualModel
 from leapgap.jumping.learning.recipe import FitTask, LearningCurve, ModelRecipe
 from leapgap.jumping.learning.windows import RolloutInputs, Windows, extract_transitions
-from leapgap.jumping.models.affine_model import AffineModel, Situation
 from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, PUBLISHED, VELOCITY, RigidBody
 
 
@@ -18,10 +17,6 @@ class NominalModel(ResidualModel):
 
     kind: ClassVar[str] = "nominal"
     nominal: Nominal
-
-    def residual(self, situation: Situation, contact: np.ndarray) -> AffineModel:
-        """No residual: zeros of shapes (n, 3) and (n, 3, 4)."""
-        return AffineModel(np.zeros((len(contact), 3)), np.zeros((len(contact), 3, 4)))
 
     def flat_residual(self, phase: str) -> tuple[np.ndarray, tuple[Part, ...]]:
         """Nothing is added to the nominal body."""

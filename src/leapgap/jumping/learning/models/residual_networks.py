@@ -22,8 +22,7 @@ from leapgap.jumping.learning.recipe import (
 )
 from leapgap.jumping.learning.window_extraction import BALLISTIC_S
 from leapgap.jumping.learning.windows import TimeGrid, Transitions, Windows, drop_forces, extract_transitions
-from leapgap.jumping.models.affine_model import AffineModel, check_names, columns
-from leapgap.jumping.models.rigid_body import DeviationModel, PlannedSteps, RigidBody
+from leapgap.jumping.models.rigid_body import AffineModel, DeviationModel, PlannedSteps, RigidBody, check_names, columns
 from leapgap.logs.pair_force import FORCES
 
 
@@ -305,10 +304,10 @@ class DeviationNetworksRecipe(DeviationRecipe):
 
     def fit(self, task: DeviationTask) -> DeviationNetworks:
         """Train from random weights; torch and Lightning take seconds to import, so they are imported here."""
-        from leapgap.jumping.learning import deviation_training
+        from leapgap.jumping.learning import training
 
         config = task.settings(DeviationNetworksConfig)
         landing_s = float(max(jump.steps.end_s[-1] for jump in task.jumps))
         start = initial_deviation_networks(task, config, landing_s, np.random.default_rng(task.seed))
         calm = [jump for jump in task.jumps if jump.kicked is None]  # roll-outs would go across a kick
-        return deviation_training.fit(start, calm, config.horizon, config.fitting, task.seed)
+        return training.fit_deviation(start, calm, config.horizon, config.fitting, task.seed)
