@@ -139,9 +139,7 @@ class PairedBench(Bench):
             deviation=np.concatenate([sizes, deviation]),
         )
 
-    def far(
-        self, near: Point, looked: Sequence[str] = ("all",)
-    ) -> Iterator[tuple[list[tuple[Hypothesis, np.ndarray]], Whitened]]:
+    def far(self, near: Point, looked: Sequence[str]) -> Iterator[tuple[list[tuple[Hypothesis, np.ndarray]], Whitened]]:
         """Effects in the drives far from nominal: in all logs, if these are looked for, and as differences."""
         for found, columns in super().far(near, looked):
             if not self.cancels:

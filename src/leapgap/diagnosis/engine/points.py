@@ -319,9 +319,7 @@ class Bench:
         offsets = here.remembered(basis.linearisation.transitions)
         return follow(here, Chunks.of(here), offsets, basis.linearisation)
 
-    def far(
-        self, near: Point, looked: Sequence[str] = ("all",)
-    ) -> Iterator[tuple[list[tuple[Hypothesis, np.ndarray]], Whitened]]:
+    def far(self, near: Point, looked: Sequence[str]) -> Iterator[tuple[list[tuple[Hypothesis, np.ndarray]], Whitened]]:
         """What further effects in the drives do far from nominal beside those of a point: numbers, and a column each.
 
         Such an effect does not grow with its number (a lag, a limit), but what it does to the torques is known at any.
