@@ -29,7 +29,7 @@ NEAR = 0.1
 COMMANDS = ("dvc", "git", "leapgap", "make", "mkdocs", "pip", "pytest", "python", "python3", "rerun")
 FENCE = re.compile(r"(?P<indent>[ \t]*)(?P<fence>`{3,}|~{3,})\s*(?:\{\s*\.)?(?P<language>[\w+-]*)")
 NOT_RUN = re.compile(r"\s*<!--\s*not run:(?P<reason>.*?)-->\s*")
-SECONDS = 900
+SECONDS = 300
 """A block that takes longer than a reader would wait has failed."""
 
 
