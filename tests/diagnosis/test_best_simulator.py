@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, LinearFits, LinearModel, Weighting, chosen_without
+from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, chosen_without
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.engine.search import Found, Search
@@ -15,6 +15,7 @@ from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
 from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.joint_likelihood import LogErrors, Numbers, bounded_minimum
+from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting
 from leapgap.diagnosis.settings import Settings
 from leapgap.reports.diagnosis import Report, diagnose_logs
 from leapgap.robot.model import Robot

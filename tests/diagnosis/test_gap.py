@@ -6,8 +6,10 @@ import pytest
 
 from leapgap import effects
 from leapgap.diagnosis.channels import logged_channels, sensor_noise
-from leapgap.diagnosis.checks.clocks import BaseClock, JointClock
-from leapgap.diagnosis.checks.planted_feet import FreeFall, PlantedFeet
+from leapgap.diagnosis.checks.base_clock import BaseClock
+from leapgap.diagnosis.checks.free_fall import FreeFall
+from leapgap.diagnosis.checks.joint_clock import JointClock
+from leapgap.diagnosis.checks.planted_feet import PlantedFeet
 from leapgap.diagnosis.gap import HeldOutGap, candidate_squares, headline_gap, noise_floor, scaled_error, scaled_errors
 from leapgap.diagnosis.horizons import replayer_at
 from leapgap.diagnosis.judged_logs import JudgedLogs, headline_rows

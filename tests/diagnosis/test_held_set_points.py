@@ -7,7 +7,7 @@ import pytest
 
 from leapgap.diagnosis.checks import as_read
 from leapgap.diagnosis.checks.base import CheckResult
-from leapgap.diagnosis.checks.set_points import HeldSetPoints
+from leapgap.diagnosis.checks.held_set_points import HeldSetPoints
 from leapgap.logs.held_set_points import hold_of, on_lines
 from leapgap.logs.log import Log
 from tests.diagnosis import pd_arms

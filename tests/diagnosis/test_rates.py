@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from leapgap.diagnosis.checks import clocks as local
-from leapgap.diagnosis.checks.planted_feet import GRAVITY, FreeFall, PlantedFeet
+from leapgap.diagnosis.checks.free_fall import GRAVITY, FreeFall
+from leapgap.diagnosis.checks.planted_feet import PlantedFeet
 from leapgap.diagnosis.full_rollouts import FullRollouts
 from leapgap.diagnosis.short_rollouts import Pieces, StateChannels
 from leapgap.jumping.task import ContactSchedule, Target, jump_info, schedule_of

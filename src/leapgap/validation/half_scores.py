@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from leapgap.diagnosis.checks.clocks import JointClock
+from leapgap.diagnosis.checks.joint_clock import JointClock
 from leapgap.diagnosis.gap import candidate_squares, headline_gap, noise_floor
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.effects.base import Effect

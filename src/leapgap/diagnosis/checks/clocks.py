@@ -1,12 +1,12 @@
-"""Is the claimed sample period true? Positions, of joints and of the base, must be the integral of velocities."""
+"""True over claimed sample period, from positions that must be the integral of velocities."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
-from leapgap.diagnosis.checks.base import Check, CheckResult, have_joints, joints_of
+from leapgap.diagnosis.checks.base import CheckResult, have_joints, joints_of
 from leapgap.logs.log import Log
 from leapgap.logs.noise import noise_of, ticks_of
 from leapgap.robot.model import Robot
@@ -16,15 +16,6 @@ CLAIMED = (1.0,)  # The clock of a log that is too short or too still to have on
 RESOLVED_S = 0.002  # Up to this period velocities between rows are taken as straight lines, at longer ones as splines
 SURE = 3.0  # A clock is another than the claimed one from so many standard deviations on of what the columns resolve
 SPAN_S = 0.02  # Increments of position are compared with summed velocities over this time
-SHRUNK = 3.0
-"""Stiffness over inertia of a joint over what the change of its velocity over a row shows of it, at most: 2.6 in a
-simulated arm that goes half of the way to its set points within a row."""
-LOCAL_S = 0.02  # Half width, standard deviation, of the window of a local clock
-LOCAL_REACH = 8.0  # That window ends after so many standard deviations
-LOCAL_PRIOR = 0.05  # Weight of the log's mean clock in a local one, as a share of what a window says on average
-LOCAL_EVERY_S = 0.02  # A local clock has one value for each stretch of this length
-PAIRS = (("base_pos_x", "base_linvel_x"), ("base_pos_z", "base_linvel_z"))
-"""Positions and the velocities that they are the integrals of."""
 
 
 def clock_scale(
@@ -115,6 +106,14 @@ def of_joints(
     return {log.name: clock(log, *(log.per_joint(of, joints) for of in ("joint_pos", "joint_vel"))) for log in logs}
 
 
+SHRUNK = 3.0
+"""Stiffness over inertia of a joint over what the change of its velocity over a row shows of it, at most: 2.6 in a
+simulated arm that goes half of the way to its set points within a row."""
+LOCAL_S = 0.02  # Half width, standard deviation, of the window of a local clock
+LOCAL_REACH = 8.0  # That window ends after so many standard deviations
+LOCAL_PRIOR = 0.05  # Weight of the log's mean clock in a local one, as a share of what a window says on average
+
+
 @dataclass(frozen=True)
 class LocalClock:
     """A clock as it changes within a log."""
@@ -165,6 +164,9 @@ def local_clock(
     between = values - ratio(lines)
     error = np.sqrt(np.mean((of_positions + of_ticks + of_noise) / weight**2) + np.var(between))
     return LocalClock(values, float(error))
+
+
+LOCAL_EVERY_S = 0.02  # A local clock has one value for each stretch of this length
 
 
 def local_clocks(logs: Sequence[Log], robot: Robot | None = None) -> dict[str, LocalClock] | None:
@@ -244,70 +246,3 @@ def resolution_in_words(error: float, threshold: float) -> str:
     """What a clock cannot tell, where its columns are too coarse for less than an error; empty where they are not."""
     coarse = error >= threshold
     return f"; the columns are too coarse to show less than {100 * threshold:.2g} %" if coarse else ""
-
-
-class EvenClock(Check):
-    """How much the true length of a row changes within a log."""
-
-    name = "even_clock"
-    threshold = 0.012
-    place = 2
-    needs_robot = False
-    velocities_in_time = True
-
-    def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
-        """Take the standard deviation of each log's local clock, beyond what the columns resolve."""
-        clocks = local_clocks(logs, robot)
-        if clocks is None:
-            return None
-        error = SURE * float(np.median([clock.error for clock in clocks.values()]))
-        threshold = max(threshold, error)
-        spread = {name: float(clock.values.std()) for name, clock in clocks.items()}
-        statistic = float(np.median(list(spread.values())))
-        passed = statistic <= threshold
-        low, high = (float(f([f(clock.values) for clock in clocks.values()])) for f in (min, max))
-        says = f"the true sample period changes by {100 * statistic:.1f} % within a log (standard deviation)" + (
-            resolution_in_words(error, threshold) if passed else f", from {low:.2f} to {high:.2f} times the claimed one"
-        )
-        of_logs = {log.name: tuple(clocks[log.name].values.tolist()) if log.name in clocks else CLAIMED for log in logs}
-        return CheckResult(self.name, passed, statistic, threshold, says, spread, of_logs)
-
-
-class JointClock(Check):
-    """The clock of the log, by the joints: encoders and their velocities are measured in true time."""
-
-    name = "joint_clock"
-    threshold = 0.02
-    place = 1
-    needs_robot = False
-    velocities_in_time = True
-
-    def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
-        """Compare position increments with summed velocities, over all joints of each log."""
-        clocks = of_joints(Clock.of, logs, robot)
-        if clocks is None:
-            return None
-        named = joints_of(logs, robot)
-        clocks = {log.name: replace(clocks[log.name], ripple=ripple_of(log, named)) for log in logs}
-        result = judge_clocks(self.name, "the joints", clocks, threshold)
-        scales = {name: CLAIMED if own.scale is None else (own.scale,) for name, own in clocks.items()}
-        return result and replace(result, clocks=scales)
-
-
-class BaseClock(Check):
-    """The clock of the log, by the base."""
-
-    name = "base_clock"
-    threshold = 0.02
-    place = 3
-    needs_robot = False
-
-    def run(self, logs: Sequence[Log], robot: Robot | None, threshold: float) -> CheckResult | None:
-        """Compare position increments with summed velocities, forward and up."""
-        floats = robot is None or robot.has_free_base
-        if not floats or any(name not in log for log in logs for pair in PAIRS for name in pair):
-            return None
-        clocks = {
-            log.name: Clock.of(log, *(log.stack(columns) for columns in zip(*PAIRS, strict=True))) for log in logs
-        }
-        return judge_clocks(self.name, "the base", clocks, threshold)
