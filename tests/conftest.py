@@ -20,6 +20,12 @@ A1_BODY = RigidBody(mass_kg=12.453, pitch_inertia_kgm2=0.347)
 CROUCH = (0.0, 1.2566371, -2.3561945)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files of pipelines first, then those of other long tests: else one worker ends with them while others wait."""
+    of_files = {(item.path, mark.name) for item in items for mark in item.iter_markers()}
+    items.sort(key=lambda item: [(item.path, mark) not in of_files for mark in ("pipeline", "long")])
+
+
 @pytest.fixture(scope="session")
 def robot() -> Robot:
     return Robot.load()
