@@ -79,15 +79,16 @@ def simulate(
     servo: bool = False,
     model: mujoco.MjModel | None = None,
     steps: int = 1,
+    row_s: float = STEP_S,
 ) -> Plain:
     """Simulate the model file from its keyframe or pose, with sines asked of every joint that is commanded.
 
     ``servo``: the makers' own position servos get the set points, and their gains are the log's. ``model`` stands in
-    place of the file. Of so many ``steps`` of the simulation and its PD one row is logged.
+    place of the file. Of so many ``steps`` of the simulation and its PD one row of ``row_s`` is logged.
     """
     model = model or mujoco.MjModel.from_xml_path(str(path))
     change(model)
-    model.opt.timestep = STEP_S / steps
+    model.opt.timestep = row_s / steps
     data, rng = mujoco.MjData(model), np.random.default_rng(7)
     data.qpos[:] = model.key_qpos[0] if model.nkey else model.qpos0
     floats = model.njnt > 0 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
@@ -102,7 +103,7 @@ def simulate(
     if servo:
         assert [model.joint(j).name for j in model.actuator_trnid[:, 0]] == joints
         kp, kd = -model.actuator_biasprm[:, 1], -model.actuator_biasprm[:, 2]
-    time = np.arange(rows) * STEP_S
+    time = np.arange(rows) * row_s
     size, rate, phase = (rng.uniform(low, high, len(joints)) for low, high in ((0.5, 1), (1, 4), (0, 6)))
     angle = 2 * np.pi * rate * time[:, None] + phase
     wanted = data.qpos[at] + pd.swing * size * (np.sin(angle) - np.sin(phase))
@@ -131,5 +132,5 @@ def simulate(
         sent |= {"kp": np.full(rows, kp[i]), "kd": np.full(rows, kd[i])}
         columns |= {f"cmd_{quantity}/{name}": values for quantity, values in sent.items()}
     columns = {name: np.ascontiguousarray(values) for name, values in columns.items()}
-    info = LogInfo(path.stem, STEP_S, "plain MuJoCo")
+    info = LogInfo(path.stem, row_s, "plain MuJoCo")
     return Plain(model, joints, Log(path.stem, columns, info), qpos, torque)

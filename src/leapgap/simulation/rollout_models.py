@@ -23,7 +23,7 @@ from leapgap.robot.terrain import Box
 from leapgap.simulation.rollout import LOAD, Rollout, joint_commands, put_loads, torques_by_velocity
 from leapgap.simulation.working_models import WorkingModel, WorkingModels, without_warnings
 
-LARGEST_STEP_S = 0.0011  # largest step of the simulation, s; that of the model file where it is shorter
+LARGEST_STEP_S = 0.0011  # largest step of a robot that moves freely, s; contacts are known no better by longer ones
 ROUNDING = 1.1  # a step may be longer by this factor, so that a period of whole steps is simulated in so many
 UNEVEN_FINER, STEPS_OF_UNEVEN = 4, 8
 """Rows of uneven length last a whole number of steps: so many times finer ones, unless so many fit a row anyway."""
@@ -40,8 +40,9 @@ class RolloutModels:
         self, robot: Robot, terrain_slots: int = 1, largest_step_s: float | None = None, sensors: Sequence[str] = ()
     ) -> None:
         self.robot, self.sensors = robot, tuple(sensors)
-        own = ROUNDING * float(robot.model.opt.timestep)
-        self.largest_step_s = min(LARGEST_STEP_S, own) if largest_step_s is None else largest_step_s
+        own = ROUNDING * float(robot.model.opt.timestep)  # Of the model file, as its owner simulates the robot
+        longest = min(LARGEST_STEP_S, own) if robot.has_free_base else own
+        self.largest_step_s = longest if largest_step_s is None else largest_step_s
         self.own_step_s = self.largest_step_s
         self.slots = terrain_slots
         self.bare = robot.on_terrain((), slots=terrain_slots)
