@@ -13,6 +13,7 @@ broken elsewhere. Numbers may differ by 10 %, or by one in the last digit that t
 import contextlib
 import io
 import re
+import signal
 import subprocess
 import traceback
 from collections.abc import Iterator
@@ -29,8 +30,13 @@ NEAR = 0.1
 COMMANDS = ("dvc", "git", "leapgap", "make", "mkdocs", "pip", "pytest", "python", "python3", "rerun")
 FENCE = re.compile(r"(?P<indent>[ \t]*)(?P<fence>`{3,}|~{3,})\s*(?:\{\s*\.)?(?P<language>[\w+-]*)")
 NOT_RUN = re.compile(r"\s*<!--\s*not run:(?P<reason>.*?)-->\s*")
-SECONDS = 300
-"""A block that takes longer than a reader would wait has failed."""
+SECONDS, CORES = 300, 2
+"""A block that takes longer than a reader would wait, on so many cores, has failed: told by the processor's time, since
+other tests run beside it."""
+HANGS = 3
+"""Times as long by the clock: a block that does nothing."""
+TOO_LONG = (-signal.SIGXCPU, 128 + signal.SIGXCPU)
+"""What bash ends with after a command that has had all its time: in its place, or started by it."""
 
 
 class BlockError(Exception):
@@ -167,18 +173,21 @@ def run_python(block: Block, names: dict[str, Any], folder: Path) -> str:
 
 def run_shell(block: Block, folder: Path, environment: dict[str, str], seconds: float = SECONDS) -> str:
     """Run by bash, stopping at the first command that fails, and return what was printed."""
+    limited = f"ulimit -S -t {round(CORES * seconds)}\n{block.code}"
     try:
         done = subprocess.run(
-            ["bash", "-euo", "pipefail", "-c", block.code],
+            ["bash", "-euo", "pipefail", "-c", limited],
             cwd=folder,
             env=environment,
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
-            timeout=seconds,
+            timeout=HANGS * seconds,
         )
     except subprocess.TimeoutExpired:
-        raise BlockError(f"{block.place}: shell block ran longer than {seconds} s") from None
+        raise BlockError(f"{block.place}: shell block hangs: not done in {HANGS * seconds} s") from None
+    if done.returncode in TOO_LONG:
+        raise BlockError(f"{block.place}: shell block takes longer than {seconds} s on {CORES} cores")
     if done.returncode != 0:
         output = (done.stdout + done.stderr)[-4000:]
         raise BlockError(f"{block.place}: shell block ended with code {done.returncode}\n{output}")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.blocks import BlockError, blocks, run_page
+from tests.docs.blocks import BlockError, blocks, run_page, run_shell
 
 PAGE = """# A page
 
@@ -72,6 +72,20 @@ def test_names_of_one_page_do_not_reach_another(tmp_path: Path) -> None:
 def test_a_shell_block_fails_with_any_of_its_commands(code: str, tmp_path: Path) -> None:
     with pytest.raises(BlockError, match=r"page\.md:1: shell block ended with code \d+"):
         run_page("page.md", code_block("sh", code), tmp_path, dict(os.environ))
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("python -c 'while True: pass'", "page.md:1: shell block takes longer than 1 s on 2 cores"),
+        ("sleep 60", "page.md:1: shell block hangs: not done in 3 s"),
+    ],
+)
+def test_a_block_for_which_no_reader_would_wait_fails(code: str, message: str, tmp_path: Path) -> None:
+    (block,) = blocks("page.md", code_block("sh", code))
+    with pytest.raises(BlockError) as caught:
+        run_shell(block, tmp_path, dict(os.environ), seconds=1)
+    assert str(caught.value) == message
 
 
 @pytest.mark.parametrize("language", ["", "bash", "sh"])
