@@ -14,7 +14,7 @@ from leapgap.logs.log import Log, LogInfo
 PERIOD_S = 0.002
 ARM = """
 <mujoco model="arm">
-  <option timestep="0.0005" integrator="implicitfast"/>
+  <option timestep="0.001" integrator="implicitfast"/>
   <worldbody>
     <body name="upper"><joint name="shoulder" axis="0 1 0" damping="{shoulder}" frictionloss="0.05"/>
       <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="1" contype="0" conaffinity="0"/>

@@ -29,27 +29,29 @@ from tests.diagnosis.two_link_arm import TORQUE_MOTOR, two_link_arm
 
 FEW = Settings(
     effects=["joint_damping", "sample_period", "torque_gain"],
+    folds=2,
     pieces_per_log=5,
     tolerances={"joint_friction.torque_nm": 0.05},
     bootstrap_draws=200,
 )
+JUMPS = 2
 DAMPED = effects.effect("joint_damping", damping=0.4)
 
 
 @pytest.fixture(scope="module")
 def jumps_with(robot: Robot, reference: Log):
-    """Four noisy jumps of a robot with some effects, simulated once."""
+    """Noisy jumps of a robot with some effects, simulated once."""
 
     @cache
     def run(*found: effects.Effect) -> list[Log]:
-        return hardware(robot, reference, *found, noise=SensorNoise(), jumps=4)
+        return hardware(robot, reference, *found, noise=SensorNoise(), jumps=JUMPS)
 
     return run
 
 
 @pytest.fixture(scope="module")
 def diagnose_effects(robot: Robot, jumps_with):
-    """The diagnosis of four such jumps, made once for each set of effects; damping and none with their proposals."""
+    """The diagnosis of such jumps, made once for each set of effects; damping and none with their proposals."""
 
     @cache
     def run(*found: effects.Effect) -> Diagnosis:
@@ -128,7 +130,7 @@ def test_report_holds_the_contract_and_repeats(diagnose_effects, robot: Robot, r
     assert found.correction[0].name == "joint_damping"
     for off in report["landing_misplaced_m"].values():
         assert abs(off["corrected"]) < 0.4 * abs(off["nominal"])
-    anew = hardware(robot, reference, DAMPED, noise=SensorNoise(), jumps=4)
+    anew = hardware(robot, reference, DAMPED, noise=SensorNoise(), jumps=JUMPS)
     again = diagnose(anew, robot, FEW)
     assert json.dumps(again.report.to_json(), allow_nan=False) == text
 
@@ -174,11 +176,11 @@ def test_one_jump_says_what_cannot_be_judged(robot: Robot, reference: Log) -> No
 
 
 def test_a_missing_channel_is_listed_and_not_filled_in(robot: Robot, reference: Log) -> None:
-    jumps = hardware(robot, reference, noise=SensorNoise(), jumps=2)
+    jumps = hardware(robot, reference, noise=SensorNoise(), jumps=JUMPS)
     blind = [
         Log(jump.name, {k: v for k, v in jump.columns.items() if k != "base_angvel_y"}, jump.info) for jump in jumps
     ]
-    settings = dataclasses.replace(FEW, effects=["joint_damping"], folds=2)
+    settings = dataclasses.replace(FEW, effects=["joint_damping"])
     report = judge(blind, robot, settings).report
     assert "base_angvel_y" in report.not_judged
     assert not any(place.channel == "base_angvel_y" for place in report.where)
@@ -198,7 +200,7 @@ def test_a_missing_channel_is_listed_and_not_filled_in(robot: Robot, reference: 
 def test_effects_of_motors_masses_feet_and_sensors_are_named_among_rivals(
     robot: Robot, reference: Log, found: effects.Effect, rivals: list[str], parameter: str
 ) -> None:
-    jumps = hardware(robot, reference, found, noise=SensorNoise(), jumps=4)
+    jumps = hardware(robot, reference, found, noise=SensorNoise(), jumps=JUMPS)
     settings = dataclasses.replace(FEW, effects=[found.name, *rivals])
     first = judge(jumps, robot, settings).report.causes[0]
     assert first.effect == found.name
@@ -212,14 +214,14 @@ def test_effects_of_motors_masses_feet_and_sensors_are_named_among_rivals(
 @pytest.mark.long
 def test_more_logs_than_pieces_are_no_obstacle(robot: Robot, jumps_with) -> None:
     jumps = jumps_with(DAMPED)
-    settings = dataclasses.replace(FEW, effects=["joint_damping"], most_pieces=3, folds=2)
+    settings = dataclasses.replace(FEW, effects=["joint_damping"], most_pieces=1)
     assert judge(jumps, robot, settings).report.gap_corrected < 0.5
 
 
 @pytest.mark.long
 def test_a_single_weak_joint_is_found(robot: Robot, reference: Log) -> None:
     weak = effects.effect("torque_gain", location="RR_calf", scale=0.7)
-    report = diagnosed_of(hardware(robot, reference, weak, noise=SensorNoise(), jumps=4), robot)
+    report = diagnosed_of(hardware(robot, reference, weak, noise=SensorNoise(), jumps=JUMPS), robot)
     assert (report.causes[0].effect, report.causes[0].location) == ("torque_gain", "RR_calf")
     assert report.causes[0].parameters["scale"].value == pytest.approx(0.7, abs=0.04)
     assert "torque_gain at RR_calf" in report.sentence
@@ -270,7 +272,7 @@ def test_an_uneven_loop_is_known_from_the_joints_and_put_into_the_replay(robot: 
     """A loop that loses a tenth of its pace in the middle of a jump, as an effect and as a check finds it."""
     profile = (1.0, 1.0, 1.25, 1.0, 1.0)
     slow = SamplePeriod(scale=1.05, profile=profile)
-    jumps = hardware(robot, reference, slow, noise=SensorNoise(), jumps=2)
+    jumps = hardware(robot, reference, slow, noise=SensorNoise(), jumps=JUMPS)
     clocks = local.local_clocks(jumps, robot)
     rows = len(jumps[0])
     every = jumps[0].info.rows(local.LOCAL_EVERY_S)

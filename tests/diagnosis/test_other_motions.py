@@ -14,7 +14,7 @@ from leapgap.robot.model import Robot
 from leapgap.simulation.replay import Replayer
 
 ACROBOT = """<mujoco model="acrobot">
-  <option timestep="0.00025"/>
+  <option timestep="0.0005"/>
   <worldbody>
     <body name="upper" pos="0 0 1">
       <joint name="shoulder" axis="0 1 0" damping="0.002"/>
@@ -28,7 +28,7 @@ ACROBOT = """<mujoco model="acrobot">
   <actuator><motor joint="elbow" ctrlrange="-6 6"/></actuator>
 </mujoco>
 """
-STEP_S = 0.00025
+STEP_S = 0.0005
 
 
 def swing(seed: int, steps: np.ndarray, friction: float, kp: float = 0.0, kd: float = 0.0) -> Log:
@@ -67,7 +67,7 @@ def even(rate_hz: int, seconds: float) -> np.ndarray:
 def uneven(seed: int, rows: int) -> np.ndarray:
     """Rows of 8 to 13 ms, most of them of 10 ms, as a real arm's logger wrote them."""
     rng = np.random.default_rng(seed)
-    return rng.choice([32, 40, 40, 40, 44, 52], rows)
+    return rng.choice([16, 20, 20, 20, 22, 26], rows)
 
 
 @pytest.fixture(scope="module")

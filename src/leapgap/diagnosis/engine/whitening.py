@@ -219,7 +219,7 @@ class Reaching:
             found.append(touching(prepared.models[prepared.model_of[interval]], self.pool.data[0], qpos))
         return found
 
-    def reach(self, k: int, order: np.ndarray, starts: np.ndarray, forces: np.ndarray) -> Motion:
+    def reach(self, k: int, order: np.ndarray, starts: np.ndarray, forces: np.ndarray | None = None) -> Motion:
         """Reported states at the end of the ``k``-th interval of some chunks, from several reported starts of each."""
         width, robot, at = len(starts) // len(order), self.intervals.robot, self.chunks.places(k, order)
         begins = [(log, self.intervals.courses[log].begins[interval]) for log, interval in at]
@@ -275,6 +275,7 @@ class Following:
         self.nv = own.robot.model.nv
         self.references = [np.concatenate([c.reference.qpos, c.reference.qvel], axis=1) for c in own.courses]
         self.close = [c.close.copy() for c in own.courses]
+        self.defects = [np.zeros((c.intervals, 2 * self.nv)) for c in own.courses]
         at = zip(chunks.log, chunks.first, strict=True)
         self.state = np.array([own.courses[log].start_states[first] for log, first in at])
         self.force = np.zeros((len(chunks.log), self.nv))
@@ -287,12 +288,12 @@ class Following:
         on = np.flatnonzero(k < self.chunks.length)
         return on[np.argsort(self.chunks.log[on], kind="stable")]
 
-    def meet(self, k: int, order: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, Motion, np.ndarray]:
+    def meet(self, k: int, order: np.ndarray) -> tuple[np.ndarray, Motion, np.ndarray]:
         """Chunks in whose ``k``-th interval a foot meets the ground or leaves it, bool, and what ``reach`` tells.
 
         And what short steps change there, (chunks, 2 nv): the log's own simulation, or the foot, has other ones.
         """
-        reached, close = self.usual.reach(k, order, self.state[order], forces), np.zeros(len(order), bool)
+        reached, close = self.usual.reach(k, order, self.state[order]), np.zeros(len(order), bool)
         if self.intervals.robot.stands:
             before = Motion.of_states(self.state[order], self.intervals.robot.model.nq)
             pairs = zip(*(self.usual.touching(k, order, states) for states in (before, reached)), strict=True)
@@ -302,24 +303,27 @@ class Following:
         usual, short = np.flatnonzero(~close), np.flatnonzero(close)
         parts, by_steps = [(usual, reached[usual])], np.zeros((len(order), 2 * self.nv))
         if len(short):
-            parts.append((short, self.short.reach(k, order[short], self.state[order[short]], forces[short])))
+            parts.append((short, self.short.reach(k, order[short], self.state[order[short]])))
             by_steps[short] = tangent_difference(parts[-1][1], reached[short], self.intervals.robot)
         return close, in_order(parts), by_steps
 
-    def reach(self, k: int, order: np.ndarray, forces: np.ndarray) -> Motion:
+    def reach(self, k: int, order: np.ndarray) -> Motion:
         """Reported states at the end of the ``k``-th interval of some chunks, from where these are, by its steps."""
         close = np.array([self.close[log][interval] for log, interval in self.chunks.places(k, order)])
         parts = [(by, np.flatnonzero(own)) for by, own in ((self.usual, ~close), (self.short, close))]
-        return in_order(
-            [(own, by.reach(k, order[own], self.state[order[own]], forces[own])) for by, own in parts if len(own)]
-        )
+        return in_order([(own, by.reach(k, order[own], self.state[order[own]])) for by, own in parts if len(own)])
 
-    def correct(self, k: int, order: np.ndarray, base: Motion, gain: np.ndarray) -> None:
-        """Move states and forces by the gain (chunks, N, channels) times what the logs report, and keep the states."""
+    def correct(self, k: int, order: np.ndarray, reached: Motion, gain: np.ndarray, responses: np.ndarray) -> None:
+        """Move states and forces by the gain (chunks, N, channels) times what the logs report, and keep the states.
+
+        States were ``reached`` without the forces, which add their ``responses``, (chunks, 2 nv, nv).
+        """
         own, n = self.intervals, 2 * self.nv
         at = [(log, int(own.courses[log].begins[interval]) + 1) for log, interval in self.chunks.places(k, order)]
         seen = [own.courses[log].measured[np.array([instant])] for log, instant in at]
         measured = Motion(np.concatenate([one.qpos for one in seen]), np.concatenate([one.qvel for one in seen]))
+        pushed = (responses @ self.force[order, :, None])[:, :, 0]
+        base = displaced(reached, pushed, own.robot)
         missed = tangent_difference(measured, base, own.robot)
         missed[:, zero_entries(own)] -= self.zeros[order]
         moved = (gain @ missed[:, own.channels.state_entries, None])[:, :, 0]
@@ -328,14 +332,18 @@ class Following:
         self.zeros[order] += moved[:, n + self.nv :]
         following = displaced(base, moved[:, :n], own.robot)
         self.state[order] = np.concatenate([following.qpos, following.qvel], axis=1)
+        defects = tangent_difference(reached, following, own.robot)
         for (log, instant), state in zip(at, self.state[order], strict=True):
             self.references[log][instant] = state
+        for (log, interval), defect in zip(self.chunks.places(k, order), defects, strict=True):
+            self.defects[log][interval] = defect
 
     @property
     def result(self) -> Intervals:
         """The intervals from the states that were followed."""
         references = [Motion.of_states(one, self.intervals.robot.model.nq) for one in self.references]
-        return self.intervals.with_references(references, np.concatenate(self.forces)).with_close(self.close)
+        followed = self.intervals.with_references(references, np.concatenate(self.forces), self.defects)
+        return followed.with_close(self.close)
 
 
 def zero_entries(intervals: Intervals) -> np.ndarray:
@@ -392,7 +400,7 @@ def linearised_along(
     for k in range(chunks.longest):
         order = following.chunks_at(k)
         force = following.force[order] * units
-        close, base, by_steps = following.meet(k, order, force)
+        close, reached, by_steps = following.meet(k, order)
         full, bent = np.zeros((len(order), size, size)), np.zeros((len(order), n, n))
         stay = following.stay[order, k, None]
         full[:, of_force, of_force] = stay
@@ -405,8 +413,8 @@ def linearised_along(
                 states = Motion.of_states(following.state[order[own]], robot.model.nq)
                 starts, forces = displacements.starts(states, robot)
                 forces += np.repeat(force[own], len(forces) // len(own), axis=0)
-                reached = by.reach(k, order[own], starts, forces)
-                full[own, :n, :n], full[own, :n, n : n + nv], bent[own] = displacements.derivatives(reached, robot)
+                moved = by.reach(k, order[own], starts, forces)
+                full[own, :n, :n], full[own, :n, n : n + nv], bent[own] = displacements.derivatives(moved, robot)
         bent += by_steps[:, :, None] * by_steps[:, None]
         spread = full @ covariance[order] @ full.transpose(0, 2, 1)
         spread[:, of_force, of_force] += level**2 * (1 - stay**2)
@@ -419,7 +427,7 @@ def linearised_along(
         spread = spread - gain @ cross
         gains[order, k] = gain
         covariance[order] = 0.5 * (spread + spread.transpose(0, 2, 1))
-        following.correct(k, order, base, gain)
+        following.correct(k, order, reached, gain, full[:, :n, n : n + nv])
         for c, (log, interval) in enumerate(chunks.places(k, order)):
             for of, own in zip(found, (full[c, :n, :n], full[c, :n, n : n + nv], bent[c]), strict=True):
                 of[log][interval] = own
@@ -445,6 +453,7 @@ def follow(
         following = Following(*reaching)
         for k in range(chunks.longest):
             order = following.chunks_at(k)
-            base = following.reach(k, order, following.force[order] * linearisation.units)
-            following.correct(k, order, base, linearisation.gains[order, k])
+            reached = following.reach(k, order)
+            responses = np.array([linearisation.forces[log][interval] for log, interval in chunks.places(k, order)])
+            following.correct(k, order, reached, linearisation.gains[order, k], responses)
         return following.result
