@@ -309,7 +309,8 @@ class Bench:
     def errors(self, intervals: Intervals, basis: Basis) -> list[np.ndarray]:
         """Whitened errors at each level, (chunks, longest, channels, 1)."""
         chunks = Chunks.of(intervals)
-        steps, measured = (chunks.stack(list(own))[..., None] for own in (intervals.defects, intervals.innovations()))
+        defects = intervals.defects(basis.linearisation.transitions)
+        steps, measured = (chunks.stack(list(own))[..., None] for own in (defects, intervals.innovations()))
         return [own.whiten(steps, measured) for own in basis.filters]
 
     def followed(self, intervals: Intervals, basis: Basis, acting: Acting) -> Intervals:
@@ -435,7 +436,7 @@ class Bench:
         """What steps miss, and what is measured of the references, of each set, (chunks, longest, …, sets)."""
         of, count = basis.linearisation, len(sets)
         acting = tuple(effects for own in sets for effects in on_logs(near, own))
-        many = replace(near, courses=near.courses * count, acting=acting, residual=None, defects=())
+        many = replace(near, courses=near.courses * count, acting=acting, residual=None, known_defects=())
         side = Linearisation(
             of.transitions * count, of.forces * count, of.missed * count, of.units, np.tile(of.gains, (count, 1, 1, 1))
         )
@@ -443,7 +444,7 @@ class Bench:
         many = follow(many, chunks, many.remembered(side.transitions), side)
         steps, measured = (
             np.moveaxis(np.array(np.split(chunks.stack(list(own)), count)), 0, -1)
-            for own in (many.defects, many.innovations())
+            for own in (many.defects(side.transitions), many.innovations())
         )
         return steps, measured
 

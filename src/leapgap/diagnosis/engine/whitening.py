@@ -219,7 +219,7 @@ class Reaching:
             found.append(touching(prepared.models[prepared.model_of[interval]], self.pool.data[0], qpos))
         return found
 
-    def reach(self, k: int, order: np.ndarray, starts: np.ndarray, forces: np.ndarray | None = None) -> Motion:
+    def reach(self, k: int, order: np.ndarray, starts: np.ndarray, forces: np.ndarray) -> Motion:
         """Reported states at the end of the ``k``-th interval of some chunks, from several reported starts of each."""
         width, robot, at = len(starts) // len(order), self.intervals.robot, self.chunks.places(k, order)
         begins = [(log, self.intervals.courses[log].begins[interval]) for log, interval in at]
@@ -263,7 +263,9 @@ def in_order(parts: Sequence[tuple[np.ndarray, Motion]]) -> Motion:
 class Following:
     """References that follow the logs as a Kalman filter does: states that the robot could be in.
 
-    Its feet are as deep in the ground as its weight presses them, which smoothed states do not give.
+    Its feet are as deep in the ground as its weight presses them, which smoothed states do not give. The force without
+    a name acts in the replays. Those of a robot with feet are dear: they are made without it, it adds its responses,
+    and what a replay missed is known at once.
     """
 
     usual: Reaching
@@ -275,7 +277,8 @@ class Following:
         self.nv = own.robot.model.nv
         self.references = [np.concatenate([c.reference.qpos, c.reference.qvel], axis=1) for c in own.courses]
         self.close = [c.close.copy() for c in own.courses]
-        self.defects = [np.zeros((c.intervals, 2 * self.nv)) for c in own.courses]
+        self.by_responses = own.robot.stands
+        self.defects = [np.zeros((c.intervals, 2 * self.nv)) for c in own.courses if self.by_responses]
         at = zip(chunks.log, chunks.first, strict=True)
         self.state = np.array([own.courses[log].start_states[first] for log, first in at])
         self.force = np.zeros((len(chunks.log), self.nv))
@@ -288,12 +291,13 @@ class Following:
         on = np.flatnonzero(k < self.chunks.length)
         return on[np.argsort(self.chunks.log[on], kind="stable")]
 
-    def meet(self, k: int, order: np.ndarray) -> tuple[np.ndarray, Motion, np.ndarray]:
+    def meet(self, k: int, order: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, Motion, np.ndarray]:
         """Chunks in whose ``k``-th interval a foot meets the ground or leaves it, bool, and what ``reach`` tells.
 
         And what short steps change there, (chunks, 2 nv): the log's own simulation, or the foot, has other ones.
         """
-        reached, close = self.usual.reach(k, order, self.state[order]), np.zeros(len(order), bool)
+        forces = self.acting(order, units)
+        reached, close = self.usual.reach(k, order, self.state[order], forces), np.zeros(len(order), bool)
         if self.intervals.robot.stands:
             before = Motion.of_states(self.state[order], self.intervals.robot.model.nq)
             pairs = zip(*(self.usual.touching(k, order, states) for states in (before, reached)), strict=True)
@@ -303,27 +307,35 @@ class Following:
         usual, short = np.flatnonzero(~close), np.flatnonzero(close)
         parts, by_steps = [(usual, reached[usual])], np.zeros((len(order), 2 * self.nv))
         if len(short):
-            parts.append((short, self.short.reach(k, order[short], self.state[order[short]])))
+            parts.append((short, self.short.reach(k, order[short], self.state[order[short]], forces[short])))
             by_steps[short] = tangent_difference(parts[-1][1], reached[short], self.intervals.robot)
         return close, in_order(parts), by_steps
 
-    def reach(self, k: int, order: np.ndarray) -> Motion:
+    def acting(self, order: np.ndarray, units: np.ndarray) -> np.ndarray:
+        """Force that acts in the replays of some chunks, N or N·m, (chunks, nv)."""
+        return self.force[order] * (0.0 if self.by_responses else units)
+
+    def reach(self, k: int, order: np.ndarray, units: np.ndarray) -> Motion:
         """Reported states at the end of the ``k``-th interval of some chunks, from where these are, by its steps."""
+        forces = self.acting(order, units)
         close = np.array([self.close[log][interval] for log, interval in self.chunks.places(k, order)])
         parts = [(by, np.flatnonzero(own)) for by, own in ((self.usual, ~close), (self.short, close))]
-        return in_order([(own, by.reach(k, order[own], self.state[order[own]])) for by, own in parts if len(own)])
+        return in_order(
+            [(own, by.reach(k, order[own], self.state[order[own]], forces[own])) for by, own in parts if len(own)]
+        )
 
     def correct(self, k: int, order: np.ndarray, reached: Motion, gain: np.ndarray, responses: np.ndarray) -> None:
         """Move states and forces by the gain (chunks, N, channels) times what the logs report, and keep the states.
 
-        States were ``reached`` without the forces, which add their ``responses``, (chunks, 2 nv, nv).
+        ``responses`` of the states that were ``reached`` to the forces, (chunks, 2 nv, nv).
         """
         own, n = self.intervals, 2 * self.nv
         at = [(log, int(own.courses[log].begins[interval]) + 1) for log, interval in self.chunks.places(k, order)]
         seen = [own.courses[log].measured[np.array([instant])] for log, instant in at]
         measured = Motion(np.concatenate([one.qpos for one in seen]), np.concatenate([one.qvel for one in seen]))
-        pushed = (responses @ self.force[order, :, None])[:, :, 0]
-        base = displaced(reached, pushed, own.robot)
+        base = reached
+        if self.by_responses:
+            base = displaced(reached, (responses @ self.force[order, :, None])[:, :, 0], own.robot)
         missed = tangent_difference(measured, base, own.robot)
         missed[:, zero_entries(own)] -= self.zeros[order]
         moved = (gain @ missed[:, own.channels.state_entries, None])[:, :, 0]
@@ -332,11 +344,12 @@ class Following:
         self.zeros[order] += moved[:, n + self.nv :]
         following = displaced(base, moved[:, :n], own.robot)
         self.state[order] = np.concatenate([following.qpos, following.qvel], axis=1)
-        defects = tangent_difference(reached, following, own.robot)
         for (log, instant), state in zip(at, self.state[order], strict=True):
             self.references[log][instant] = state
-        for (log, interval), defect in zip(self.chunks.places(k, order), defects, strict=True):
-            self.defects[log][interval] = defect
+        if self.by_responses:
+            defects = tangent_difference(reached, following, own.robot)
+            for (log, interval), defect in zip(self.chunks.places(k, order), defects, strict=True):
+                self.defects[log][interval] = defect
 
     @property
     def result(self) -> Intervals:
@@ -400,7 +413,7 @@ def linearised_along(
     for k in range(chunks.longest):
         order = following.chunks_at(k)
         force = following.force[order] * units
-        close, reached, by_steps = following.meet(k, order)
+        close, reached, by_steps = following.meet(k, order, units)
         full, bent = np.zeros((len(order), size, size)), np.zeros((len(order), n, n))
         stay = following.stay[order, k, None]
         full[:, of_force, of_force] = stay
@@ -453,7 +466,7 @@ def follow(
         following = Following(*reaching)
         for k in range(chunks.longest):
             order = following.chunks_at(k)
-            reached = following.reach(k, order)
+            reached = following.reach(k, order, linearisation.units)
             responses = np.array([linearisation.forces[log][interval] for log, interval in chunks.places(k, order)])
             following.correct(k, order, reached, linearisation.gains[order, k], responses)
         return following.result
