@@ -155,8 +155,6 @@ class Intervals:
     """Settings of the simulation, which act beside any set; ``acting`` has them as well."""
     residual: np.ndarray | None = None
     """Force without a name by which the references follow the logs, in its units, (instants of all chunks, nv)."""
-    known_defects: tuple[np.ndarray, ...] = ()
-    """What ``defects`` are, where the references were followed by the same replays."""
 
     @staticmethod
     def of(states: Sequence[States], replayer: Replayer, interval_s: float) -> "Intervals":
@@ -182,7 +180,7 @@ class Intervals:
         """Some of the segments of each log, bool (segments,) of each; logs of which none is left are left out."""
         kept = [log for log, own in enumerate(chosen) if own.any()]
         courses, acting = (self.courses[log].part(chosen[log]) for log in kept), (self.acting[log] for log in kept)
-        return replace(self, courses=tuple(courses), acting=tuple(acting), residual=None, known_defects=())
+        return replace(self, courses=tuple(courses), acting=tuple(acting), residual=None)
 
     def simulated_by(self, simulation: tuple[SimulationSettings, ...]) -> "Intervals":
         """The same by other settings of the simulation."""
@@ -199,12 +197,10 @@ class Intervals:
         """Usual length of an interval, s."""
         return float(np.median(np.concatenate([own.lengths_s for own in self.courses])))
 
-    def with_references(
-        self, references: Sequence[Motion], residual: np.ndarray, defects: Sequence[np.ndarray]
-    ) -> "Intervals":
+    def with_references(self, references: Sequence[Motion], residual: np.ndarray) -> "Intervals":
         """The same intervals from other states, which follow the logs by a force."""
         courses = tuple(replace(own, reference=new) for own, new in zip(self.courses, references, strict=True))
-        return replace(self, courses=courses, residual=residual, known_defects=tuple(defects))
+        return replace(self, courses=courses, residual=residual)
 
     def with_close(self, close: Sequence[np.ndarray]) -> "Intervals":
         """The same intervals, of which others are replayed by short steps."""
@@ -226,10 +222,8 @@ class Intervals:
 
         return self.each(range(len(self.courses)), of_log)
 
-    def defects(self, transitions: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
+    def defects(self, transitions: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Replay by what acts − reference at the end of each interval, in the tangent, (intervals, 2 nv) a log."""
-        if self.known_defects:
-            return self.known_defects
         remembered = self.remembered(transitions)
         return [
             tangent_difference(reached, own.reference[own.begins + 1], self.robot) + more

@@ -309,8 +309,8 @@ class Bench:
     def errors(self, intervals: Intervals, basis: Basis) -> list[np.ndarray]:
         """Whitened errors at each level, (chunks, longest, channels, 1)."""
         chunks = Chunks.of(intervals)
-        defects = intervals.defects(basis.linearisation.transitions)
-        steps, measured = (chunks.stack(list(own))[..., None] for own in (defects, intervals.innovations()))
+        steps = chunks.stack(intervals.defects(basis.linearisation.transitions))[..., None]
+        measured = chunks.stack(intervals.innovations())[..., None]
         return [own.whiten(steps, measured) for own in basis.filters]
 
     def followed(self, intervals: Intervals, basis: Basis, acting: Acting) -> Intervals:
@@ -436,14 +436,14 @@ class Bench:
         """What steps miss, and what is measured of the references, of each set, (chunks, longest, …, sets)."""
         of, count = basis.linearisation, len(sets)
         acting = tuple(effects for own in sets for effects in on_logs(near, own))
-        many = replace(near, courses=near.courses * count, acting=acting, residual=None, known_defects=())
+        many = replace(near, courses=near.courses * count, acting=acting, residual=None)
         side = Linearisation(
             of.transitions * count, of.forces * count, of.missed * count, of.units, np.tile(of.gains, (count, 1, 1, 1))
         )
         chunks = Chunks.of(many)
         many = follow(many, chunks, many.remembered(side.transitions), side)
         steps, measured = (
-            np.moveaxis(np.array(np.split(chunks.stack(list(own)), count)), 0, -1)
+            np.moveaxis(np.array(np.split(chunks.stack(own), count)), 0, -1)
             for own in (many.defects(side.transitions), many.innovations())
         )
         return steps, measured

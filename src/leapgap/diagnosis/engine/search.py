@@ -283,21 +283,7 @@ class Search:
             if gains[k] <= LIKELY * max(gains):
                 break
             found.append(self.settle(linear[k] if k < len(linear) else self.moved(now.point, sets[k])))
-            if self.bench.robot.stands and changes_contacts(found[-1].members[-1]):
-                found[-1] = self.placed(now, found[-1])
         return found
-
-    def placed(self, now: Found, found: Found) -> Found:
-        """A set with its last effect, of the feet's contacts, at the place that is the likeliest at its numbers.
-
-        Far from these all places may do the same: feet that do not slip tell nothing of their friction.
-        """
-        given = found.acting
-        (gain,) = self.glances(now.point, now.acting, [given])
-        _, acting = self.at_likeliest_place(now, now.point, gain, given)
-        if acting is given:
-            return found
-        return max([found, self.settle(self.moved(now.point, acting))], key=lambda one: one.worth)
 
     def part(self, point: Point) -> Point:
         """The point by the chunks that tell what is worth a closer look."""
@@ -306,8 +292,7 @@ class Search:
 
     def glances(self, part: Point, acting: Acting, sets: Sequence[Acting]) -> list[float]:
         """Evidence that robots with other effects at just some numbers gain, as of all logs, nats."""
-        base, *found = self.bench.glances(part, [acting, *sets])
-        share = sum(own.intervals for own in part.intervals.courses) / self.bench.chunks.length.sum()
+        (base, *found), share = self.bench.glances(part, [acting, *sets]), self.bench.some.mean()
         return [(one - base) / share for one in found]
 
     def far(self, part: Point, looked: Sequence[str]) -> list[Acting]:
@@ -345,19 +330,11 @@ class Search:
             sets = [(*now.acting, (h, h.nominal * by)) for by in FACTORS]
             gain, best = max(zip(self.glances(part, now.acting, sets), sets, strict=True), key=itemgetter(0))
             if gain > LEAST_GAIN:
-                found.append(self.at_likeliest_place(now, part, gain, best))
+                places = [one for one in self.bench.hypotheses if one.name == h.name and one is not h]
+                sets = [(*now.acting, (one, best[-1][1])) for one in places]
+                pairs = [(gain, best), *zip(self.glances(part, now.acting, sets), sets, strict=True)]
+                found.append(max(pairs, key=itemgetter(0)))
         return found
-
-    def at_likeliest_place(self, now: Found, part: Point, gain: float, acting: Acting) -> tuple[float, Acting]:
-        """The gain of a set, and itself, with its last effect at the place where it gains most.
-
-        The likeliest of several places gains a little by chance.
-        """
-        h, numbers = acting[-1]
-        places = [one for one in self.bench.hypotheses if one.name == h.name and one.location != h.location]
-        sets = [(*acting[:-1], (one, numbers)) for one in places]
-        gains = [own - np.log(1 + len(places)) for own in self.glances(part, now.acting, sets)]
-        return max([(gain, acting), *zip(gains, sets, strict=True)], key=itemgetter(0))
 
     def otherwise_simulated(self, now: Found, tried: Sequence[Found]) -> Found:
         """The same set by other contacts of the simulation, where these gain more than sets that were tried.

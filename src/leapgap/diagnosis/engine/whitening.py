@@ -263,9 +263,7 @@ def in_order(parts: Sequence[tuple[np.ndarray, Motion]]) -> Motion:
 class Following:
     """References that follow the logs as a Kalman filter does: states that the robot could be in.
 
-    Its feet are as deep in the ground as its weight presses them, which smoothed states do not give. The force without
-    a name acts in the replays. Those of a robot with feet are dear: they are made without it, it adds its responses,
-    and what a replay missed is known at once.
+    Its feet are as deep in the ground as its weight presses them, which smoothed states do not give.
     """
 
     usual: Reaching
@@ -277,8 +275,6 @@ class Following:
         self.nv = own.robot.model.nv
         self.references = [np.concatenate([c.reference.qpos, c.reference.qvel], axis=1) for c in own.courses]
         self.close = [c.close.copy() for c in own.courses]
-        self.by_responses = own.robot.stands
-        self.defects = [np.zeros((c.intervals, 2 * self.nv)) for c in own.courses if self.by_responses]
         at = zip(chunks.log, chunks.first, strict=True)
         self.state = np.array([own.courses[log].start_states[first] for log, first in at])
         self.force = np.zeros((len(chunks.log), self.nv))
@@ -291,12 +287,11 @@ class Following:
         on = np.flatnonzero(k < self.chunks.length)
         return on[np.argsort(self.chunks.log[on], kind="stable")]
 
-    def meet(self, k: int, order: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, Motion, np.ndarray]:
+    def meet(self, k: int, order: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, Motion, np.ndarray]:
         """Chunks in whose ``k``-th interval a foot meets the ground or leaves it, bool, and what ``reach`` tells.
 
         And what short steps change there, (chunks, 2 nv): the log's own simulation, or the foot, has other ones.
         """
-        forces = self.acting(order, units)
         reached, close = self.usual.reach(k, order, self.state[order], forces), np.zeros(len(order), bool)
         if self.intervals.robot.stands:
             before = Motion.of_states(self.state[order], self.intervals.robot.model.nq)
@@ -311,31 +306,20 @@ class Following:
             by_steps[short] = tangent_difference(parts[-1][1], reached[short], self.intervals.robot)
         return close, in_order(parts), by_steps
 
-    def acting(self, order: np.ndarray, units: np.ndarray) -> np.ndarray:
-        """Force that acts in the replays of some chunks, N or N·m, (chunks, nv)."""
-        return self.force[order] * (0.0 if self.by_responses else units)
-
-    def reach(self, k: int, order: np.ndarray, units: np.ndarray) -> Motion:
+    def reach(self, k: int, order: np.ndarray, forces: np.ndarray) -> Motion:
         """Reported states at the end of the ``k``-th interval of some chunks, from where these are, by its steps."""
-        forces = self.acting(order, units)
         close = np.array([self.close[log][interval] for log, interval in self.chunks.places(k, order)])
         parts = [(by, np.flatnonzero(own)) for by, own in ((self.usual, ~close), (self.short, close))]
         return in_order(
             [(own, by.reach(k, order[own], self.state[order[own]], forces[own])) for by, own in parts if len(own)]
         )
 
-    def correct(self, k: int, order: np.ndarray, reached: Motion, gain: np.ndarray, responses: np.ndarray) -> None:
-        """Move states and forces by the gain (chunks, N, channels) times what the logs report, and keep the states.
-
-        ``responses`` of the states that were ``reached`` to the forces, (chunks, 2 nv, nv).
-        """
+    def correct(self, k: int, order: np.ndarray, base: Motion, gain: np.ndarray) -> None:
+        """Move states and forces by the gain (chunks, N, channels) times what the logs report, and keep the states."""
         own, n = self.intervals, 2 * self.nv
         at = [(log, int(own.courses[log].begins[interval]) + 1) for log, interval in self.chunks.places(k, order)]
         seen = [own.courses[log].measured[np.array([instant])] for log, instant in at]
         measured = Motion(np.concatenate([one.qpos for one in seen]), np.concatenate([one.qvel for one in seen]))
-        base = reached
-        if self.by_responses:
-            base = displaced(reached, (responses @ self.force[order, :, None])[:, :, 0], own.robot)
         missed = tangent_difference(measured, base, own.robot)
         missed[:, zero_entries(own)] -= self.zeros[order]
         moved = (gain @ missed[:, own.channels.state_entries, None])[:, :, 0]
@@ -346,17 +330,12 @@ class Following:
         self.state[order] = np.concatenate([following.qpos, following.qvel], axis=1)
         for (log, instant), state in zip(at, self.state[order], strict=True):
             self.references[log][instant] = state
-        if self.by_responses:
-            defects = tangent_difference(reached, following, own.robot)
-            for (log, interval), defect in zip(self.chunks.places(k, order), defects, strict=True):
-                self.defects[log][interval] = defect
 
     @property
     def result(self) -> Intervals:
         """The intervals from the states that were followed."""
         references = [Motion.of_states(one, self.intervals.robot.model.nq) for one in self.references]
-        followed = self.intervals.with_references(references, np.concatenate(self.forces), self.defects)
-        return followed.with_close(self.close)
+        return self.intervals.with_references(references, np.concatenate(self.forces)).with_close(self.close)
 
 
 def zero_entries(intervals: Intervals) -> np.ndarray:
@@ -413,7 +392,7 @@ def linearised_along(
     for k in range(chunks.longest):
         order = following.chunks_at(k)
         force = following.force[order] * units
-        close, reached, by_steps = following.meet(k, order, units)
+        close, base, by_steps = following.meet(k, order, force)
         full, bent = np.zeros((len(order), size, size)), np.zeros((len(order), n, n))
         stay = following.stay[order, k, None]
         full[:, of_force, of_force] = stay
@@ -426,8 +405,8 @@ def linearised_along(
                 states = Motion.of_states(following.state[order[own]], robot.model.nq)
                 starts, forces = displacements.starts(states, robot)
                 forces += np.repeat(force[own], len(forces) // len(own), axis=0)
-                moved = by.reach(k, order[own], starts, forces)
-                full[own, :n, :n], full[own, :n, n : n + nv], bent[own] = displacements.derivatives(moved, robot)
+                reached = by.reach(k, order[own], starts, forces)
+                full[own, :n, :n], full[own, :n, n : n + nv], bent[own] = displacements.derivatives(reached, robot)
         bent += by_steps[:, :, None] * by_steps[:, None]
         spread = full @ covariance[order] @ full.transpose(0, 2, 1)
         spread[:, of_force, of_force] += level**2 * (1 - stay**2)
@@ -440,7 +419,7 @@ def linearised_along(
         spread = spread - gain @ cross
         gains[order, k] = gain
         covariance[order] = 0.5 * (spread + spread.transpose(0, 2, 1))
-        following.correct(k, order, reached, gain, full[:, :n, n : n + nv])
+        following.correct(k, order, base, gain)
         for c, (log, interval) in enumerate(chunks.places(k, order)):
             for of, own in zip(found, (full[c, :n, :n], full[c, :n, n : n + nv], bent[c]), strict=True):
                 of[log][interval] = own
@@ -466,7 +445,6 @@ def follow(
         following = Following(*reaching)
         for k in range(chunks.longest):
             order = following.chunks_at(k)
-            reached = following.reach(k, order, linearisation.units)
-            responses = np.array([linearisation.forces[log][interval] for log, interval in chunks.places(k, order)])
-            following.correct(k, order, reached, linearisation.gains[order, k], responses)
+            base = following.reach(k, order, following.force[order] * linearisation.units)
+            following.correct(k, order, base, linearisation.gains[order, k])
         return following.result
