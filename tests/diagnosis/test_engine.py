@@ -190,7 +190,7 @@ def found_by_evidence(folder: Path, robot: Robot) -> Diagnosis:
 def test_damping_of_an_elbow_is_named_with_its_number(tmp_path: Path) -> None:
     """Logs of plain MuJoCo, whose joint PD is a force outside the model."""
     robot = Robot.load(plain_arm.write_model(tmp_path))
-    report = found_by_evidence(plain_arm.write_parquet(tmp_path / "logs"), robot).report
+    report = found_by_evidence(plain_arm.write_parquet(tmp_path / "logs", 2), robot).report
     assert report.verdict == "named"
     assert report.answer[0] == ("joint_damping",)
     assert report.causes[0].location == "elbow"
@@ -245,9 +245,9 @@ def test_a_number_beyond_its_range_costs_what_holding_it_loses(arm: tuple[Robot,
 
 
 def write_tugged(folder: Path, xml: str, size: float) -> None:
-    """Four logs of an arm whose elbow feels a torque of ``size`` N·m times sin 6q beside its joint PD."""
+    """Two logs of an arm whose elbow feels a torque of ``size`` N·m times sin 6q beside its joint PD."""
     model = mujoco.MjModel.from_xml_string(xml)
-    for seed in range(4):
+    for seed in range(2):
         columns = plain_arm.swing(seed)
         rng, data = np.random.default_rng(100 + seed), mujoco.MjData(model)
         wanted, speed = (

@@ -29,7 +29,7 @@ def judge(folder: Path, name: str, acting: Callable[[arm.Sent], arm.Step] | None
         qpos += 2e-4 * rng.standard_normal(qpos.shape)
         qvel += 5e-3 * rng.standard_normal(qvel.shape)
         logs.append(arm.as_log(f"swing_{seed}", sent, qpos, qvel))
-    return diagnose(logs, arm.load(folder), Settings(effects=[name, *BESIDE], bootstrap_draws=100)).report
+    return diagnose(logs, arm.load(folder), Settings(effects=[name, *BESIDE], bootstrap_draws=100, best=False)).report
 
 
 def push(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> None:

@@ -86,6 +86,7 @@ SETTINGS = Settings(
     effects=["joint_friction", "joint_damping", "torque_gain", "armature", "command_delay", "sample_period"],
     folds=3,
     bootstrap_draws=100,
+    best=False,
 )
 
 

@@ -170,14 +170,16 @@ def test_a_model_without_the_site_does_not_judge_the_accelerometer(robot: Robot)
 
 SETTINGS = Settings(
     effects=["joint_friction", "payload", "command_delay"],
+    folds=2,
     pieces_per_log=4,
     bootstrap_draws=50,
+    best=False,
 )
 
 
 @pytest.mark.long
 def test_walks_with_sensors_have_no_gap(go2: Robot) -> None:
-    report = diagnose([noisy(walk(gait), k) for k, gait in enumerate(GAITS)], go2, SETTINGS).report
+    report = diagnose([noisy(walk(gait), k) for k, gait in enumerate(GAITS[:2])], go2, SETTINGS).report
     assert {"imu_acc_x", "foot_force/RR"} <= set(report.headline.sizes)
     assert report.verdict == "none", report.sentence
     assert not any(line.startswith(("imu_acc", "foot_force", "the IMU")) for line in report.not_judged)
@@ -185,7 +187,7 @@ def test_walks_with_sensors_have_no_gap(go2: Robot) -> None:
 
 @pytest.mark.long
 def test_a_payload_is_found_with_sensors(go2: Robot) -> None:
-    report = diagnose([noisy(walk(gait, loaded), k) for k, gait in enumerate(GAITS)], go2, SETTINGS).report
+    report = diagnose([noisy(walk(gait, loaded), k) for k, gait in enumerate(GAITS[:2])], go2, SETTINGS).report
     assert report.answer == (("payload",),), report.sentence
     assert report.causes[0].parameters["mass_kg"].value == pytest.approx(2.0, rel=0.15)
 
