@@ -23,7 +23,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 MODEL = """<mujoco model="arm">
-  <option timestep="0.001"/>
+  <option timestep="0.0005"/>
   <worldbody>
     <body name="upper" pos="0 0 1">
       <joint name="shoulder" axis="0 1 0" damping="0.05" armature="0.01"/>
