@@ -18,7 +18,7 @@ from leapgap.robot.motion import Motion
 from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout, Starts
 from tests.conftest import standing
-from tests.diagnosis.test_walking_logs import GAITS, KD, KP, SCENE, STEP_S, Gait, set_points
+from tests.diagnosis.test_walking_logs import DIAGNOSED, GAITS, KD, KP, SCENE, STEP_S, Gait, set_points
 from tests.plain_simulation import BASE, BASE_RATES, by_motors, published
 
 ROWS, STEPS_A_ROW = 500, 2
@@ -179,7 +179,7 @@ SETTINGS = Settings(
 
 @pytest.mark.long
 def test_walks_with_sensors_have_no_gap(go2: Robot) -> None:
-    report = diagnose([noisy(walk(gait), k) for k, gait in enumerate(GAITS[:2])], go2, SETTINGS).report
+    report = diagnose([noisy(walk(gait), k) for k, gait in enumerate(DIAGNOSED)], go2, SETTINGS).report
     assert {"imu_acc_x", "foot_force/RR"} <= set(report.headline.sizes)
     assert report.verdict == "none", report.sentence
     assert not any(line.startswith(("imu_acc", "foot_force", "the IMU")) for line in report.not_judged)
@@ -187,7 +187,7 @@ def test_walks_with_sensors_have_no_gap(go2: Robot) -> None:
 
 @pytest.mark.long
 def test_a_payload_is_found_with_sensors(go2: Robot) -> None:
-    report = diagnose([noisy(walk(gait, loaded), k) for k, gait in enumerate(GAITS[:2])], go2, SETTINGS).report
+    report = diagnose([noisy(walk(gait, loaded), k) for k, gait in enumerate(DIAGNOSED)], go2, SETTINGS).report
     assert report.answer == (("payload",),), report.sentence
     assert report.causes[0].parameters["mass_kg"].value == pytest.approx(2.0, rel=0.15)
 
