@@ -358,17 +358,13 @@ class Bench:
             stacked = chunks.stack([np.stack([own[log] for own in columns], axis=2) for log in range(len(logs))])
             yield found, [-own.whiten(stacked) for own in near.basis.filters]
 
-    def glance(self, near: Point, acting: Acting) -> float:
-        """Evidence of a robot with some effects at just these numbers, nats, without columns of its effects."""
-        here, basis = self.followed(near.intervals, near.basis, acting), near.basis
-        errors = self.errors(here, basis)
-        point = Point.of((), here, basis, errors, [own[..., :0] for own in errors])
-        return point.evidence.at_best_levels(*point.priors()).posterior(*point.priors()).evidence
-
     def glances(self, near: Point, sets: Sequence[Acting], levels: np.ndarray | None = None) -> list[float]:
-        """The same of several robots; those with feet are followed side by side, at ``levels`` if these are given."""
-        if not (self.robot.stands and sets):
-            return [self.glance(near, own) for own in sets]
+        """Evidence of robots with some effects at just these numbers, nats, without columns of their effects.
+
+        They are followed side by side; each block at its best level, or at ``levels`` if these are given.
+        """
+        if not sets:
+            return []
         errors, basis = self.errors_of(near.intervals, near.basis, sets), near.basis
         points = Evidence.of_each_error(basis.blocks, errors, basis.of_nuisances, basis.products)
         priors = basis.deviation, np.zeros(len(basis.deviation))

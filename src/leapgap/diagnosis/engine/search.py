@@ -353,9 +353,8 @@ class Search:
         if not others:
             return now
         gains = [one.predictive - now.predictive for one in tried]
-        by_given, by_softer = (
-            self.bench.glance(one, now.acting) for one in (now.point, replace(now.point, intervals=others[-1]))
-        )
+        softer = replace(now.point, intervals=others[-1])
+        by_given, by_softer = (self.bench.glances(one, [now.acting])[0] for one in (now.point, softer))
         if by_softer - by_given <= max([LEAST_GAIN, *(LIKELY * own for own in gains)]):
             return now
         linearised = (self.bench.linearised(own, now.acting, now.point.basis) for own in others)
