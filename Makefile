@@ -112,7 +112,7 @@ test: .venv/ready renderer
 	pytest -n 2 --dist loadfile -m "not long"
 
 test-all: .venv/ready renderer
-	pytest -n 2 --dist loadfile --no-loadscope-reorder  # in the order of tests/conftest.py: the longest first
+	pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=60  # in the order of tests/conftest.py: the longest first
 
 # The site, in site/index.html; opens from the file, without a network. Its pictures are made again where the scripts or examples
 # that make them have changed: a minute of a processor each.

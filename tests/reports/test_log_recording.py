@@ -174,6 +174,23 @@ def test_a_log_without_base_is_shown_at_rest_and_says_so(tmp_path, robot, base_c
     assert "/base/x" not in hop_recording.moving
 
 
+def test_a_base_whose_position_was_not_logged_stands_on_its_feet_and_has_no_residual(tmp_path, robot, ghost):
+    jump = make_hop(robot, without=("base_pos",))
+    legs = {
+        f"joint_pos/{joint}": np.full(len(jump), CROUCH[i % 3] + 0.2 * (i % 3)) for i, joint in enumerate(robot.joints)
+    }
+    jump = replace(jump, columns=dict(jump.columns) | legs, info=replace(jump.info, terrain=()))
+    record_jump(tmp_path / "legs.rrd", jump, robot, {"nominal simulation": ghost})
+    recorded = Recorded(tmp_path / "legs.rrd")
+    height = recorded.at("/world/measured/trunk", "Transform3D:translation", 0.1)[0][2]
+    columns = dict(jump.columns) | {f"base_pos_{axis}": np.full(len(jump), height * (axis == "z")) for axis in "xyz"}
+    data = kinematics(robot, replace(jump, columns=columns), 0.1)
+    soles = [data.geom(foot).xpos[2] - robot.model.geom(foot).size[0] for foot in robot.feet]
+    assert min(soles) == pytest.approx(0.0, abs=0.012), "soft ground, torques that press hard"
+    assert "where the feet that stand say" in recorded.static["/notes"]["TextDocument:text"][0]
+    assert "z [m]" in names_of_views(recorded) and "Δ z [m], ghost − measured" not in names_of_views(recorded)
+
+
 def test_a_fixed_base_robot_is_shown(tmp_path):
     (tmp_path / "arm.xml").write_text(ARM)
     arm = Robot.load(tmp_path / "arm.xml")

@@ -99,14 +99,19 @@ def base_plots(actors: Sequence[ShownRobot]) -> rrb.Container:
     values = {p.key: plot(f"base/{p.key}", p.label, p in with_legend) for p in shown}
     if len(actors) == 1:
         return rrb.Grid(*values.values(), grid_columns=2 if len(shown) > 3 else 1, name="Base")
-    residuals = {part.key: plot(f"residual/{part.key}", f"Δ {part.label}, ghost − {main.label}") for part in shown}
+    measured = components(main.jump)
+    residuals = {
+        part.key: plot(f"residual/{part.key}", f"Δ {part.label}, ghost − {main.label}")
+        for part in shown
+        if part in measured
+    }
     pages = []
     for name, keys in (
         ("Base pose", [part.key for part in shown if part.key in POSE]),
         ("Base velocity", [part.key for part in shown if part.key not in POSE]),
     ):
         if keys:
-            views = [view for key in keys for view in (values[key], residuals[key])]
+            views = [of[key] for key in keys for of in (values, residuals) if key in of]
             pages.append(rrb.Grid(*views, grid_columns=2, name=name))
     return rrb.Tabs(*pages, active_tab=0)
 
@@ -200,6 +205,8 @@ def notes(actors: Sequence[ShownRobot], title: str, says: str = "") -> str:
             f"- **{actor.label}** ({role}): {actor.jump.info.source}, {len(actor.jump)} rows to "
             f"{actor.jump.time[-1]:g} s"
         )
+        if actor.by_feet is not None:
+            lines.append("  - position of the base not logged, shown where the feet that stand say")
         if actor.unlogged_state:
             lines.append(f"  - not logged, shown in the model's rest pose: {'; '.join(actor.unlogged_state)}")
     for box in info.terrain:

@@ -13,6 +13,7 @@ import rerun.blueprint as rrb
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_POSITION, BASE_QUATERNION
+from leapgap.logs.state import motion_of
 from leapgap.robot.kinematics import Poses, body_poses, configurations
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import whole_file
@@ -113,7 +114,19 @@ class ShownRobot:
             self.jump.stack(columns)[self.rows] if columns[0] in self.jump else None
             for columns in (BASE_POSITION, BASE_QUATERNION)
         )
+        if self.by_feet is not None:
+            base = self.by_feet[self.rows]
         return body_poses(self.robot, configurations(self.robot, pos, base, quaternion, joints))
+
+    @cached_property
+    def by_feet(self) -> np.ndarray | None:
+        """Position of a base that was not logged, where the feet that stand say, m, (rows, 3); None if these do not."""
+        if not self.robot.has_free_base or BASE_POSITION[0] in self.jump:
+            return None
+        try:
+            return motion_of(self.jump, self.robot).base_position
+        except InputError:
+            return None
 
     @cached_property
     def unlogged_state(self) -> tuple[str, ...]:
@@ -121,7 +134,7 @@ class ShownRobot:
         lacks = []
         if self.robot.has_free_base:
             for columns, what in ((BASE_POSITION, "base position"), (BASE_QUATERNION, "base orientation")):
-                if columns[0] not in self.jump:
+                if columns[0] not in self.jump and (columns is not BASE_POSITION or self.by_feet is None):
                     lacks.append(what)
         unmeasured = [joint for joint in self.robot.joints if joint not in self.measured_joints]
         if unmeasured:
