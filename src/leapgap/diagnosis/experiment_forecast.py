@@ -10,7 +10,7 @@ the model may differ from the real one, and its whole logs are judged as a furth
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -93,6 +93,7 @@ class Forecaster:
     name: str  # Name of the cause that is taken for true
     answer: Candidate
     rivals: tuple[Rival, ...] = ()
+    foretold: dict[Experiment, Forecast | None] = field(default_factory=dict)
 
     @cached_property
     def given(self) -> Given:
@@ -117,6 +118,11 @@ class Forecaster:
 
     def forecast(self, experiment: Experiment) -> Forecast | None:
         """What an experiment would show; None where the robot could not make it."""
+        if experiment not in self.foretold:
+            self.foretold[experiment] = self._forecast(experiment)
+        return self.foretold[experiment]
+
+    def _forecast(self, experiment: Experiment) -> Forecast | None:
         replayer, horizon_s = self.replayer, self.settings.horizon_s
         if experiment.sensors:
             columns = (*replayer.sensors, *experiment.sensors)

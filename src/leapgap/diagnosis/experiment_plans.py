@@ -73,16 +73,22 @@ class Given:
 
     @property
     def sine_places(self) -> list[tuple[str, ...]]:
-        """Sets of joints to move: those of the causes' places that are smaller than the robot, then all."""
-        robot, found = self.robot, []
+        """Sets of joints to move: those of the causes' places that are smaller than the robot, then all.
+
+        Where a cause acts on the whole robot or at a foot, the first single joints or limbs stand for its place.
+        """
+        robot = self.robot
         singles = robot.joint_groups if robot.has_free_base and robot.joint_groups else self.joints
-        for location in (*self.places, *singles):
-            if location in robot.feet or location == "all":
-                continue
-            joints = tuple(robot.joints[i] for i in robot.joints_at(location) if robot.joints[i] in self.joints)
-            if joints and joints != self.joints and joints not in found:
-                found.append(joints)
-        return [*found[: MOST_PLACES_FLOATING if robot.has_free_base else MOST_PLACES], self.joints]
+        at = [self.joints_at(place) for place in self.places if place not in ("all", *robot.feet)]
+        if len(at) < len(self.places) or not at or () in at:
+            at += map(self.joints_at, singles)
+        some = [joints for joints in dict.fromkeys(at) if joints not in ((), self.joints)]
+        return [*some[: MOST_PLACES_FLOATING if robot.has_free_base else MOST_PLACES], self.joints]
+
+    def joints_at(self, location: str) -> tuple[str, ...]:
+        """The commanded joints of a location."""
+        joints = (self.robot.joints[i] for i in self.robot.joints_at(location))
+        return tuple(joint for joint in joints if joint in self.joints)
 
     def gains(self, factor: float = 1.0) -> str:
         """``kp 40`` of so many times the gains, or a range over joints."""

@@ -3,6 +3,8 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import groupby
+from operator import attrgetter
 from statistics import NormalDist
 from typing import Any
 
@@ -85,10 +87,12 @@ def by_experience(names: Sequence[str], given: Given) -> Entry:
     return entry_of(sentence, names, jump)
 
 
-def forecasts_of(forecaster: Forecaster, progress: Callable[[str], None]) -> list[Forecast]:
-    """What each possible experiment would show, the least effort first."""
+def forecasts_of(
+    forecaster: Forecaster, experiments: Sequence[Experiment], progress: Callable[[str], None]
+) -> list[Forecast]:
+    """What each of some experiments would show, if the robot can make it."""
     found = []
-    for experiment in candidates_for(forecaster.given)[:MOST_CANDIDATES]:
+    for experiment in experiments:
         forecast = forecaster.forecast_possible(experiment)
         if forecast is not None:
             found.append(forecast)
@@ -101,18 +105,24 @@ def separate(
 ) -> Entry:
     """The experiment that tells the open causes apart, whichever is true, or the statement that none does.
 
-    All experiments are foretold for the answer's robot, and whole logs are made of those that tell the causes apart
-    there; the most promising ones are foretold for the robots of the rivals too. ``rival_share`` is the share of the
-    resamples in which the likeliest rival is best today.
+    Experiments are foretold for the answer's robot, those of least effort first, until one of these tells enough. Whole
+    logs are made of those that tell the causes apart there; the most promising ones are foretold for the robots of the
+    rivals too. ``rival_share`` is the share of the resamples in which the likeliest rival is best today.
     """
     answer, *others = by_truth
     today = answer.forecast(repetition(answer.given))
-    found = forecasts_of(answer, progress)
     least = today.least if today else 0.0
-    telling = [one for one in found if tells_apart(one, least, rival_share)]
-    closes = {one.experiment: answer.closes(one.experiment) for one in telling}
-    shown = [one for one in telling if closes[one.experiment] >= answer.least_closed]
-    best = best_for_all_truths(shown, closes, max(ENOUGH, LEAST_TIMES * least), others)
+    enough, best = max(ENOUGH, LEAST_TIMES * least), None
+    found: list[Forecast] = []
+    closes: dict[Experiment, float] = {}
+    for _, alike in groupby(candidates_for(answer.given)[:MOST_CANDIDATES], key=attrgetter("cost")):
+        found += forecasts_of(answer, list(alike), progress)
+        telling = [one for one in found if tells_apart(one, least, rival_share)]
+        closes |= {one.experiment: answer.closes(one.experiment) for one in telling if one.experiment not in closes}
+        shown = [one for one in telling if closes[one.experiment] >= answer.least_closed]
+        best = best_for_all_truths(shown, closes, enough, others)
+        if best is not None and best.least >= enough:
+            break
     tried = [
         {"experiment": one.experiment.short, "least_loss": one.least}
         | ({"closes": closes[one.experiment]} if one.experiment in closes else {})
@@ -231,7 +241,7 @@ def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> Entry | 
     which = int(unsure.argmax())
     if unsure[which] < UNSURE:
         return None
-    found = forecasts_of(forecaster, progress)
+    found = forecasts_of(forecaster, candidates_for(forecaster.given)[:MOST_CANDIDATES], progress)
     enough = [one for one in found if spread[which] >= SHRINKS * one.spread[which]]
     enough.sort(key=lambda one: (one.experiment.cost, one.spread[which]))
     best = next((one for one in enough if forecaster.shows_answer(one.experiment)), None)

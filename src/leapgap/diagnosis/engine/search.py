@@ -271,10 +271,9 @@ class Search:
         if looks_far:
             looked = ("all", *(one.members[-1].location for one in linear[:1]))
             far = [[(*now.acting, one) for one in pair] for pair in self.far(part, tuple(dict.fromkeys(looked)))]
-            drives = [
-                max(zip(self.glances(part, now.acting, pair), pair, strict=True), key=itemgetter(0)) for pair in far
-            ]
-            gains = list(map(max, gains, self.glances(part, now.acting, sets)))
+            glanced = iter(self.glances(part, now.acting, [*(own for pair in far for own in pair), *sets]))
+            drives = [max([(next(glanced), own) for own in pair], key=itemgetter(0)) for pair in far]
+            gains = list(map(max, gains, glanced))
             nearer = [*drives, *nearer]
         gains += [gain for gain, _ in nearer]
         sets += [own for _, own in nearer]
