@@ -34,7 +34,6 @@ ONLY_IN = {
     "casadi": {"jumping.planning", "jumping.control"},
     "daqp": {"jumping.control"},
     "numba": {"jumping.control"},
-    "osqp": {"jumping.control"},
     "gymnasium": {"simulation"},
     "h5py": {"logs"},
     "rosbags": {"logs"},

@@ -25,7 +25,6 @@ import torch
 
 from leapgap.jumping.control import compiler
 from leapgap.jumping.control.mpc import ForcePlan, JumpMpc, MpcConfig
-from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.tracking import PhaseGains, Reference
 from leapgap.jumping.experiments.rig import LearnedMpcConfig
 from leapgap.jumping.learning.windows import TimeGrid
@@ -71,7 +70,6 @@ def measure(
     weights, small = Weights.of(PAPER), Weights.of(SMALL)
     kinds: dict[str, tuple[PredictionModel | DeviationModel, MpcConfig]] = {
         "daqp": (Networks(weights), MpcConfig(grid)),
-        "osqp": (Networks(weights), MpcConfig(grid, qp=QpConfig("osqp"))),
         "daqp_small_networks": (Networks(small), MpcConfig(grid)),
         "daqp_along_plan": (along_plan(), replace(LEARNED, grid=grid)),
     }
@@ -125,7 +123,7 @@ def judge(
 ) -> None:
     """Largest deviation of each version's forces from the exact ones of the same networks."""
     for name in ("daqp", "daqp_small_networks", "daqp_along_plan"):
-        same_networks = [name.replace("daqp", kind) for kind in ("daqp", "osqp", "compiled", "torch_osqp")]
+        same_networks = [name.replace("daqp", kind) for kind in ("daqp", "compiled", "torch_osqp")]
         for i, exact in enumerate(plans[name]):
             if exact.solution is None:
                 raise SystemExit(f"{name}: a plan without its problem")
@@ -161,7 +159,7 @@ def main() -> None:
     result = {
         **{f"tick_us_{part}": {k: ours[k][part] for k in GRIDS} for part in ("median", "p99", "p99_9", "worst")},
         "qp_us_median": {
-            b: {k: round(float(np.median(results[k][b].qp_microseconds)), 1) for k in GRIDS} for b in ("daqp", "osqp")
+            "daqp": {k: round(float(np.median(results[k]["daqp"].qp_microseconds)), 1) for k in GRIDS},
         },
         "force_error_n": {name: {k: results[k][name].row()["force_error_n"] for k in GRIDS} for name in results["k10"]},
         "ratio_to_torch_osqp": {k: ratio(results[k], compiled, "torch_osqp", "median") for k in GRIDS},

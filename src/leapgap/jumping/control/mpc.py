@@ -18,10 +18,8 @@ from leapgap.jumping.control.qp import (
     Qp,
     QpConfig,
     QpSolution,
-    QpSolver,
     SolutionRequirements,
     guarded_solve,
-    solver,
 )
 from leapgap.jumping.control.tracking import JumpController, PhaseGains, Reference
 from leapgap.jumping.learning.windows import MOST_STEPS, TimeGrid
@@ -232,18 +230,11 @@ class ForcePlanner:
 
     compiled: ClassVar[bool] = False
 
-    def __init__(
-        self,
-        reference: Reference,
-        model: PredictionModel | DeviationModel,
-        config: MpcConfig,
-        qp_solver: QpSolver | None = None,
-    ) -> None:
+    def __init__(self, reference: Reference, model: PredictionModel | DeviationModel, config: MpcConfig) -> None:
         self.reference, self.config = reference, config
         formulation = AlongPlan if isinstance(model, DeviationModel) else AsMeasured
         self.formulation = formulation(reference, model, config)
         self.first_step = self.formulation.first_step(self.compiled)
-        self.solver = qp_solver or solver(config.qp)
         self.fallbacks: Counter[str] = Counter()
         self._good: ForcePlan | None = None
         updates = np.arange(0.0, reference.schedule.take_off_s - ROUNDING_S, config.period_s)
@@ -263,7 +254,7 @@ class ForcePlanner:
 
     def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> GuardedSolution:
         """Solve the update of this time from a measured state and feet."""
-        return guarded_solve(self._problem(time_s, prepared, state, foot), self.solver, self.config.demands)
+        return guarded_solve(self._problem(time_s, prepared, state, foot), self.config.qp, self.config.demands)
 
     def _problem(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Qp | None:
         if not (np.isfinite(state).all() and np.isfinite(foot).all()):
