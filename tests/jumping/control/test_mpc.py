@@ -127,8 +127,8 @@ def test_nothing_is_planned_in_flight() -> None:
 class Contradicting(ForcePlanner):
     """Adds two rows that no force satisfies, so that the solver finds the problem infeasible."""
 
-    def _problem(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Qp:
-        qp = super()._problem(time_s, prepared, state, foot)
+    def problem(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Qp:
+        qp = super().problem(time_s, prepared, state, foot)
         assert qp is not None
         rows = np.zeros((2, len(qp.gradient)))
         rows[0, 0], rows[1, 0] = 1.0, -1.0
@@ -192,6 +192,20 @@ def test_a_measurement_that_is_no_number_goes_on_with_the_last_plan_shifted(wher
     assert mpc.fallbacks == {NOT_FINITE: 2}
     again = mpc.plan(0.35, REFERENCE.state[350], REFERENCE.foot[350])
     assert again.fallback is None
+
+
+class Footless(PredictionModel):
+    """A model that does not depend on the feet."""
+
+    def affine(self, situation: Situation, contact: np.ndarray) -> AffineModel:
+        return MODEL.affine(replace(situation, foot=np.tile(REFERENCE.foot[0], (len(contact), 1))), contact)
+
+
+def test_feet_that_are_no_numbers_count_for_a_model_without_feet_too() -> None:
+    """What was not measured decides no force."""
+    row = REFERENCE.row(0.2)
+    plan = planner(Footless()).plan(0.2, REFERENCE.state[row], REFERENCE.foot[row] * np.nan)
+    assert plan.fallback == NOT_FINITE
 
 
 def test_a_shifted_plan_does_not_push_with_feet_that_have_left() -> None:
