@@ -23,10 +23,10 @@ class StartFrame:
     level_m: float = 0.0  # Height in the world of the reference's z = 0
 
     @staticmethod
-    def of(estimate: StateEstimate, level_m: float = 0.0) -> "StartFrame":
+    def of(estimate: StateEstimate) -> "StartFrame":
         """The frame at the robot's present position and heading."""
         x, y, _ = estimate.base_position
-        return StartFrame(float(x), float(y), float(yaw_of(estimate.base_quaternion)), level_m)
+        return StartFrame(float(x), float(y), float(yaw_of(estimate.base_quaternion)))
 
     @cached_property
     def forward(self) -> np.ndarray:

@@ -282,9 +282,8 @@ class JumpMpc(JumpController):
         gains: PhaseGains,
         model: PredictionModel | DeviationModel,
         config: MpcConfig,
-        level_m: float | None = 0.0,
     ) -> None:
-        super().__init__(reference, robot, gains, level_m)
+        super().__init__(reference, robot, gains)
         self.config = config
         self.planner = ForcePlanner(reference, model, config)
         self.fallbacks = self.planner.fallbacks
