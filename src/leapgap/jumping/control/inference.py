@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from leapgap.jumping.learning.model import OUTPUTS, PHASES, FlatPhase, Part
 from leapgap.jumping.learning.model_files import arrays_below, read_model
 from leapgap.jumping.learning.windows import Purpose
 from leapgap.jumping.models.rigid_body import (
@@ -27,68 +28,36 @@ from leapgap.jumping.models.rigid_body import (
 )
 
 FORMAT_VERSION = 2
-OUTPUTS, FEET, STATES = 15, 4, 6  # bias (3) and by_force (3 × 4); front and rear foot, x and z; numbers of a state
-PHASES = ("contact", "flight")
+FEET, STATES = 4, 6  # Front and rear foot, x and z; numbers of a state
 
 
-@dataclass(frozen=True)
-class Perceptron:
-    """tanh between layers; single precision, as it was trained."""
-
-    layers: tuple[tuple[np.ndarray, np.ndarray], ...]  # Weight (in, out) and bias (out,) of each
-
-    @staticmethod
-    def of(arrays: Mapping[str, np.ndarray]) -> "Perceptron":
-        """The network whose layers are stored as ``weight_0``, ``bias_0``, ``weight_1`` and so on."""
-        count = sum(name.startswith("weight_") for name in arrays)
-        kinds = ("weight", "bias")
-        layers = [[np.ascontiguousarray(arrays[f"{kind}_{i}"], np.float32) for kind in kinds] for i in range(count)]
-        return Perceptron(tuple((weight, bias) for weight, bias in layers))
-
-    def __call__(self, known: np.ndarray) -> np.ndarray:
-        """Outputs (n, 15) of the known inputs (n, 17)."""
-        hidden = known.astype(np.float32)
-        for weight, bias in self.layers[:-1]:
-            hidden = hidden @ weight
-            hidden += bias
-            np.tanh(hidden, out=hidden)
-        weight, bias = self.layers[-1]
-        return hidden @ weight + bias
+def perceptron(arrays: Mapping[str, np.ndarray], known: np.ndarray) -> np.ndarray:
+    """tanh between the layers ``weight_0``, ``bias_0``, ``weight_1`` and so on; single precision, as it was trained."""
+    hidden, last = known.astype(np.float32), len(arrays) // 2 - 1
+    for i in range(last):
+        hidden = hidden @ arrays[f"weight_{i}"]
+        hidden += arrays[f"bias_{i}"]
+        np.tanh(hidden, out=hidden)
+    return hidden @ arrays[f"weight_{last}"] + arrays[f"bias_{last}"]
 
 
-def kernel(arrays: Mapping[str, np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+def kernel(arrays: Mapping[str, np.ndarray], known: np.ndarray) -> np.ndarray:
     """Σ exp(−‖s − centre‖²/2) coefficients, with s = known · ``select`` − ``shift``."""
-    select, shift, centres, coefficients = (
-        np.ascontiguousarray(arrays[name]) for name in ("select", "shift", "centres", "coefficients")
-    )
-    squared_centres = (centres**2).sum(axis=1)
-
-    def outputs(known: np.ndarray) -> np.ndarray:
-        at = known @ select - shift
-        squared = (at**2).sum(axis=1)[:, None] + squared_centres - 2 * at @ centres.T
-        return np.exp(-np.maximum(squared, 0) / 2) @ coefficients
-
-    return outputs
+    at, centres = known @ arrays["select"] - arrays["shift"], arrays["centres"]
+    squared = (at**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2 * at @ centres.T
+    return np.exp(-np.maximum(squared, 0) / 2) @ arrays["coefficients"]
 
 
-PARTS: dict[str, Callable[[Mapping[str, np.ndarray]], Callable[[np.ndarray], np.ndarray]]]
-PARTS = {"perceptron": Perceptron.of, "kernel": kernel}
+PARTS: dict[str, Callable[[Mapping[str, np.ndarray], np.ndarray], np.ndarray]]
+PARTS = {"perceptron": perceptron, "kernel": kernel}  # From arrays and known inputs (n, 17) to summands (n, 15)
 
 
-@dataclass(frozen=True)
-class Phase:
-    """Prediction of one phase: contact, or flight."""
-
-    constant: np.ndarray  # (15,)
-    feet: np.ndarray  # (4, 15), of foot − base, front x z, rear x z: the moments of the nominal body
-    parts: tuple[Callable[[np.ndarray], np.ndarray], ...]  # Functions from known inputs (n, 17) to summands (n, 15)
-
-    def __call__(self, known: np.ndarray) -> np.ndarray:
-        """Outputs (n, 15) of the known inputs (n, 17)."""
-        found = self.constant + known[:, KNOWN_FOOT] @ self.feet
-        for part in self.parts:
-            found += part(known)
-        return found
+def outputs(phase: FlatPhase, known: np.ndarray) -> np.ndarray:
+    """Outputs (n, 15) of the known inputs (n, 17)."""
+    found: np.ndarray = phase.constant + known[:, KNOWN_FOOT] @ phase.feet
+    for part in phase.parts:
+        found += PARTS[part.kind](part.arrays, known)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +66,8 @@ class ExportedModel(PredictionModel):
 
     name: str
     purpose: Purpose
-    contact: Phase
-    flight: Phase
+    contact: FlatPhase
+    flight: FlatPhase
     curvature: float = 0.0
     deviation: np.ndarray | None = None
     """Standard deviations of predicted states, by the step of the jump at which the prediction starts and by the step
@@ -110,9 +79,9 @@ class ExportedModel(PredictionModel):
         found = np.empty((len(known), OUTPUTS))
         for phase, mask in ((self.contact, contact), (self.flight, ~contact)):
             if mask.all():
-                found = phase(known)
+                found = outputs(phase, known)
             elif mask.any():
-                found[mask] = phase(known[mask])
+                found[mask] = outputs(phase, known[mask])
         return AffineModel(found[:, :3], found[:, 3:].reshape(-1, 3, 4))
 
 
@@ -131,13 +100,13 @@ def load(folder: Path, name: str, needed: Purpose) -> ExportedModel:
     return model
 
 
-def read_phase(arrays: Mapping[str, np.ndarray], kinds: list[str]) -> Phase:
+def read_phase(arrays: Mapping[str, np.ndarray], kinds: list[str]) -> FlatPhase:
     """A phase from its arrays: constant, feet, and the parts ``0/…``, ``1/…``, whose kinds are given in order."""
     for key, shape in (("constant", (OUTPUTS,)), ("feet", (FEET, OUTPUTS))):
         if arrays[key].shape != shape:
             raise ValueError(f"{key} of shape {arrays[key].shape}, not {shape}")
-    parts = tuple(PARTS[kind](arrays_below(arrays, str(i))) for i, kind in enumerate(kinds))
+    parts = tuple(Part(kind, arrays_below(arrays, str(i))) for i, kind in enumerate(kinds))
     for number, part in enumerate(parts):  # what does not fit fails here, or gives something else than (n, 15)
-        if (found := part(np.zeros((2, KNOWN))).shape) != (2, OUTPUTS):
+        if (found := PARTS[part.kind](part.arrays, np.zeros((2, KNOWN))).shape) != (2, OUTPUTS):
             raise ValueError(f"outputs of part {number} of shape {found}, not (2, {OUTPUTS})")
-    return Phase(arrays["constant"], arrays["feet"], parts)
+    return FlatPhase(arrays["constant"], arrays["feet"], parts)
