@@ -33,6 +33,7 @@ ONLY_IN = {
     "onnxruntime": {"learning"},
     "casadi": {"jumping.planning", "jumping.control"},
     "daqp": {"jumping.control"},
+    "osqp": {"jumping.control"},
     "gymnasium": {"simulation"},
     "h5py": {"logs"},
     "rosbags": {"logs"},

@@ -23,6 +23,7 @@ import numpy as np
 import torch
 
 from leapgap.jumping.control.mpc import ForcePlan, JumpMpc, MpcConfig
+from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.tracking import PhaseGains, Reference
 from leapgap.jumping.experiments.rig import LearnedMpcConfig
 from leapgap.jumping.learning.windows import TimeGrid
@@ -68,6 +69,7 @@ def measure(
     weights, small = Weights.of(PAPER), Weights.of(SMALL)
     kinds: dict[str, tuple[PredictionModel | DeviationModel, MpcConfig]] = {
         "daqp": (Networks(weights), MpcConfig(grid)),
+        "osqp": (Networks(weights), MpcConfig(grid, qp=QpConfig("osqp"))),
         "daqp_small_networks": (Networks(small), MpcConfig(grid)),
         "daqp_along_plan": (along_plan(), replace(LEARNED, grid=grid)),
     }
@@ -117,7 +119,7 @@ def judge(
 ) -> None:
     """Largest deviation of each version's forces from the exact ones of the same networks."""
     for name in ("daqp", "daqp_small_networks", "daqp_along_plan"):
-        same_networks = [name.replace("daqp", kind) for kind in ("daqp", "torch_osqp")]
+        same_networks = [name.replace("daqp", kind) for kind in ("daqp", "osqp", "torch_osqp")]
         for i, exact in enumerate(plans[name]):
             if exact.solution is None:
                 raise SystemExit(f"{name}: a plan without its problem")
@@ -152,7 +154,7 @@ def main() -> None:
     result = {
         **{f"tick_us_{part}": {k: ours[k][part] for k in GRIDS} for part in ("median", "p99", "p99_9", "worst")},
         "qp_us_median": {
-            "daqp": {k: round(float(np.median(results[k]["daqp"].qp_microseconds)), 1) for k in GRIDS},
+            b: {k: round(float(np.median(results[k][b].qp_microseconds)), 1) for k in GRIDS} for b in ("daqp", "osqp")
         },
         "force_error_n": {name: {k: results[k][name].row()["force_error_n"] for k in GRIDS} for name in results["k10"]},
         "ratio_to_torch_osqp": {k: ratio(results[k], "daqp", "torch_osqp", "median") for k in GRIDS},

@@ -179,18 +179,19 @@ def controllers(robot: Robot, reference: Reference, rng: np.random.Generator) ->
     """New controllers of every kind, again and again."""
     model, gains = RigidBodyModel(A1_BODY), PhaseGains()
 
-    def mpc(of: PredictionModel = model) -> JumpMpc:
-        return JumpMpc(reference, robot, gains, of, MpcConfig())
+    def mpc(backend: str, of: PredictionModel = model) -> JumpMpc:
+        return JumpMpc(reference, robot, gains, of, MpcConfig(qp=QpConfig(backend)))
 
     while True:
         yield JointPd(reference, robot, gains)
         yield ObservedJointPd(reference, robot, gains, Observation())
-        yield mpc()
-        yield mpc(WildModel(model, 10.0 ** float(rng.uniform(-3, 6))))
+        yield mpc("daqp")
+        yield mpc("osqp")
+        yield mpc(str(rng.choice(("daqp", "osqp"))), WildModel(model, 10.0 ** float(rng.uniform(-3, 6))))
         yield DepartingMpc(reference, robot, gains, model, MpcConfig())
-        yield ExcitedController(mpc(), Excitation(40.0), rng)
+        yield ExcitedController(mpc("daqp"), Excitation(40.0), rng)
         yield LandingMpc(robot, reference.joint_pos[0], LandingConfig(), A1_BODY)
-        jumps = [JointPd(reference, robot, gains), mpc()]
+        jumps = [JointPd(reference, robot, gains), mpc("daqp")]
         yield shift_tracker(robot, reference, gains)
         yield shift_tracker(robot, reference, gains, late=True)
         yield JumpSequence(jumps, robot, SequenceConfig(settle_s=0.2), A1_BODY)
@@ -302,17 +303,18 @@ def a1_and_reference() -> tuple[Robot, Reference]:
 
 
 def bad_problems(count: int, seed: int) -> Counter[str]:
-    """Statuses of the QP solver on bad problems; one that raises counts under its exception."""
-    from leapgap.jumping.control.qp import Qp, solve_qp
+    """Statuses of both QP solvers on bad problems; one that raises counts under its exception."""
+    from leapgap.jumping.control.qp import BACKENDS, Qp, solver
 
     rng, found = np.random.default_rng(seed), Counter[str]()
     for number in range(count):
         qp = bad_problem(rng)
         assert isinstance(qp, Qp)
-        try:
-            found[str(solve_qp(qp, QpConfig(max_iterations=2000)).fault(0.1, 1e-4))] += 1
-        except Exception as error:
-            found[f"raised {type(error).__name__} at problem {number}: {error}"] += 1
+        for backend in BACKENDS:
+            try:
+                found[f"{backend}: {solver(QpConfig(backend, max_iterations=2000)).solve(qp).fault(0.1, 1e-4)}"] += 1
+            except Exception as error:
+                found[f"{backend} raised {type(error).__name__} at problem {number}: {error}"] += 1
     return found
 
 

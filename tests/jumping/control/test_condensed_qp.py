@@ -5,7 +5,7 @@ import pytest
 from scipy import optimize
 
 from leapgap.jumping.control.condensed_qp import ForceLimits, Horizon, horizon, prepare_qp
-from leapgap.jumping.control.qp import QpConfig, solve_qp
+from leapgap.jumping.control.qp import QpConfig, solver
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.rigid_body import AffineModel, advance
 from leapgap.jumping.task import ContactSchedule
@@ -117,7 +117,7 @@ def test_forces_equal_those_of_the_problem_with_states_as_variables() -> None:
     )
     # SciPy may end for want of a better step at this tolerance; what counts is that nothing is violated.
     assert max(np.abs(dynamics(found.x)).max(), np.abs(swing(found.x)).max(), -room(found.x).min()) < 1e-6
-    condensed = case.rest.forces(solve_qp(case.qp, QpConfig()).x)
+    condensed = case.rest.forces(solver(QpConfig()).solve(case.qp).x)
     assert case.cost(condensed) == pytest.approx(cost(found.x), rel=1e-6)
     assert condensed == pytest.approx(split(found.x)[1], abs=0.5)
     assert np.isclose(np.abs(condensed[:, FORCE_X]), 0.6 * condensed[:, FORCE_Z]).any(), "no limit acts: tests little"
@@ -126,7 +126,7 @@ def test_forces_equal_those_of_the_problem_with_states_as_variables() -> None:
 def test_forces_are_inside_the_cone_and_zero_in_the_air() -> None:
     for time_s in TIMES:
         case = Case(horizon(TimeGrid(), ContactSchedule(), time_s), seed=5)
-        force = case.rest.forces(solve_qp(case.qp, QpConfig()).x)
+        force = case.rest.forces(solver(QpConfig()).solve(case.qp).x)
         assert (np.abs(force[:, FORCE_X]) <= 0.6 * force[:, FORCE_Z] + 1e-6).all()
         assert ((force[:, FORCE_Z] >= -1e-6) & (force[:, FORCE_Z] <= 350 + 1e-6)).all()
         assert (force[np.repeat(case.steps.share == 0, 2, axis=1)] == 0).all()
@@ -136,7 +136,7 @@ def test_forces_stay_near_the_plan_where_that_is_asked_for() -> None:
     near = ForceLimits(from_plan_n=30.0)
     for time_s in TIMES:
         case = Case(horizon(TimeGrid(), ContactSchedule(), time_s), 5, limits=near)
-        force = case.rest.forces(solve_qp(case.qp, QpConfig()).x)
+        force = case.rest.forces(solver(QpConfig()).solve(case.qp).x)
         # The plan here is random: what is near is the force within bounds and cone that is nearest to it.
         meant = case.force.copy()
         meant[:, FORCE_Z] = np.clip(meant[:, FORCE_Z], 0, 350)

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import minimize
 
 from leapgap.jumping.control.goal_shift_mpc import CalmMotion, GoalShiftConfig, GoalShiftPlanner
-from leapgap.jumping.control.qp import QpConfig, solve_qp
+from leapgap.jumping.control.qp import QpConfig, solver
 from leapgap.jumping.control.shifted_plan import QUANTITIES, ShiftedPlan, ShiftGrid
 from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.task import ContactSchedule
@@ -105,7 +105,7 @@ def solve(
     before: tuple[float, ...] = (0, 0, 0),
 ) -> np.ndarray:
     problem = GoalShiftPlanner(plan, Law(), TARGET, config).problem(update, predicted, np.array(before, dtype=float))
-    solution = solve_qp(problem, QpConfig())
+    solution = solver(QpConfig()).solve(problem)
     assert solution.fault(1e-4, 1e-4) is None
     return solution.x
 
@@ -151,7 +151,7 @@ def test_a_shift_whose_effect_is_fickle_is_held_and_not_taken_back(plan: Shifted
         law = replace(Law(), authority=fickle, authority_error=errors)
         planner = GoalShiftPlanner(plan, law, TARGET, roomy)
         qp = planner.problem(8, TARGET - np.array([0.03, 0, 0]), np.zeros(3))
-        return solve_qp(qp, QpConfig()).x[: 3 * roomy.steps : 3]
+        return solver(QpConfig()).solve(qp).x[: 3 * roomy.steps : 3]
 
     limits = replace(FREE.limits, friction=50.0, largest_n=1e5)
     roomy = replace(FREE, limits=limits, authority_doubt=0.0, timing_doubt_s=0.0, scale=(0.5, 0.5, 0.5))

@@ -6,9 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from leapgap.jumping.control.condensed_qp import PreparedQp
 from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig
-from leapgap.jumping.control.qp import INFEASIBLE, NOT_FINITE, Qp
+from leapgap.jumping.control.qp import (
+    INFEASIBLE,
+    NOT_FINITE,
+    Qp,
+    QpConfig,
+    QpSolution,
+    QpSolver,
+    solver,
+)
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.rigid_body import (
     PITCH,
@@ -26,7 +33,6 @@ from leapgap.jumping.task import ContactSchedule
 from leapgap.logs.pair_force import FORCE_X, FORCE_Z
 from tests.conftest import A1_BODY
 from tests.jumping.control.simple_models import Counting, rigid_reference
-from tests.jumping.control.test_qp import by_least_distance
 from tests.jumping.rigid_motion import acceleration, step
 
 BODY = A1_BODY
@@ -102,17 +108,17 @@ def test_between_updates_of_the_grid_a_plan_is_made_all_the_same() -> None:
 
 
 @pytest.mark.parametrize("grid", [TimeGrid(0.025, 0.025, 10), TimeGrid(0.05, 0.05, 10), TimeGrid(0.025, 0.08, 22)])
-def test_other_grids_and_schedules_plan(grid: TimeGrid) -> None:
-    """Against an independent method; in flight nothing is solved."""
+def test_other_grids_and_solvers_and_schedules_plan(grid: TimeGrid) -> None:
     reference = rigid_reference(BODY, 0.05, ContactSchedule(0.45, 0.3, 0.4))
-    mpc = ForcePlanner(reference, MODEL, MpcConfig(grid))
-    for time_s in (0.0, 0.3, 0.7, 0.75, 1.0):
-        row = reference.row(time_s)
-        plan = mpc.plan(time_s, reference.state[row] + 0.01, reference.foot[row])
-        assert (plan.solution is None) == (time_s >= reference.schedule.take_off_s)
-        if plan.solution is not None:
-            assert plan.solution.x == pytest.approx(by_least_distance(plan.solution.problem), abs=0.01)
-    assert not mpc.fallbacks
+    forces = []
+    for backend in ("daqp", "osqp"):
+        mpc = ForcePlanner(reference, MODEL, MpcConfig(grid, qp=QpConfig(backend)))
+        for time_s in (0.0, 0.3, 0.7, 0.75, 1.0):
+            row = reference.row(time_s)
+            forces.append(mpc.plan(time_s, reference.state[row] + 0.01, reference.foot[row]).force)
+        assert not mpc.fallbacks
+    for exact, split in zip(forces[:5], forces[5:], strict=True):
+        assert split == pytest.approx(exact, abs=1.0)
 
 
 def test_nothing_is_planned_in_flight() -> None:
@@ -124,15 +130,14 @@ def test_nothing_is_planned_in_flight() -> None:
 # What goes wrong, and what is sent then.
 
 
-class Contradicting(ForcePlanner):
+class Contradicting(QpSolver):
     """Adds two rows that no force satisfies, so that the solver finds the problem infeasible."""
 
-    def problem(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Qp:
-        qp = super().problem(time_s, prepared, state, foot)
-        assert qp is not None
+    def solve(self, qp: Qp) -> QpSolution:
         rows = np.zeros((2, len(qp.gradient)))
         rows[0, 0], rows[1, 0] = 1.0, -1.0
-        return replace(qp, rows=np.vstack([qp.rows, rows]), row_upper=np.append(qp.row_upper, [-1.0, -1.0]))
+        both = replace(qp, rows=np.vstack([qp.rows, rows]), row_upper=np.append(qp.row_upper, [-1.0, -1.0]))
+        return solver(QpConfig()).solve(both)
 
 
 class Distorted(PredictionModel):
@@ -147,7 +152,7 @@ class Distorted(PredictionModel):
 
 
 def infeasible() -> ForcePlanner:
-    return Contradicting(REFERENCE, MODEL, MpcConfig())
+    return ForcePlanner(REFERENCE, MODEL, MpcConfig(), qp_solver=Contradicting())
 
 
 def model_says_nan() -> ForcePlanner:

@@ -4,18 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 from scipy.optimize import nnls
 
+from leapgap.errors import InputError
 from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig
-from leapgap.jumping.control.qp import FAILED, INFEASIBLE, SOLVED, Qp, QpConfig, QpSolution, solve_qp
+from leapgap.jumping.control.qp import FAILED, INFEASIBLE, SOLVED, Qp, QpConfig, QpSolution, solver
 from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.learning.windows import TimeGrid
 from leapgap.jumping.models.rigid_body import RigidBodyModel
 from leapgap.logs.log import Log
 from leapgap.robot.model import Robot
+from stages.common import CONF, read_config
 from tests.conftest import A1_BODY
 from tests.jumping.control.simple_models import cost, duality_gap
+
+BACKENDS = ("daqp", "osqp")
+TOLERANCE_N = {"daqp": 0.01, "osqp": 1.0}
 
 
 def by_least_distance(qp: Qp) -> np.ndarray:
@@ -57,20 +63,22 @@ def problems(reference: Log, robot: Robot, steps: int) -> list[Qp]:
 
 
 @pytest.mark.parametrize("steps", [10, 22])
-def test_forces_agree_with_an_independent_method(reference: Log, robot: Robot, steps: int) -> None:
-    limited = 0
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_forces_agree_with_an_independent_method(reference: Log, robot: Robot, backend: str, steps: int) -> None:
+    chosen, limited = solver(QpConfig(backend)), 0
     for qp in problems(reference, robot, steps):
-        solution, expected = solve_qp(qp, QpConfig()), by_least_distance(qp)
+        solution, expected = chosen.solve(qp), by_least_distance(qp)
         assert solution.status == SOLVED
-        assert solution.x == pytest.approx(expected, abs=0.01)
+        assert solution.x == pytest.approx(expected, abs=TOLERANCE_N[backend])
         limited += bool((np.abs(solution.dual) > 1e-6).any())
     assert limited > 5, "problems without an active limit test little"
 
 
-def test_a_solution_judges_itself(reference: Log, robot: Robot) -> None:
-    qp = max(problems(reference, robot, 10), key=lambda qp: np.abs(solve_qp(qp, QpConfig()).dual).max())
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_solution_judges_itself(reference: Log, robot: Robot, backend: str) -> None:
+    qp = max(problems(reference, robot, 10), key=lambda qp: np.abs(solver(QpConfig()).solve(qp).dual).max())
     before = [part.copy() for part in (qp.hessian, qp.gradient, qp.lower, qp.upper, qp.rows, qp.row_upper)]
-    good = solve_qp(qp, QpConfig())
+    good = solver(QpConfig(backend)).solve(qp)
     after = (qp.hessian, qp.gradient, qp.lower, qp.upper, qp.rows, qp.row_upper)
     assert all(np.array_equal(*pair) for pair in zip(before, after, strict=True)), "a solver changed its problem"
     size = np.abs(qp.gradient).max()
@@ -98,21 +106,34 @@ def test_residuals_of_a_problem_done_by_hand() -> None:
     assert replace(right, status=FAILED).fault(0.1, 1e-4) == FAILED
 
 
-def test_the_answer_repeats_bit_for_bit(reference: Log, robot: Robot) -> None:
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_answer_repeats_bit_for_bit(reference: Log, robot: Robot, backend: str) -> None:
     qp = problems(reference, robot, 10)[4]
-    assert np.array_equal(*(solve_qp(qp, QpConfig()).x for _ in range(2)))
+    assert np.array_equal(*(solver(QpConfig(backend)).solve(qp).x for _ in range(2)))
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("kind", ["contradiction", "no number", "not convex"])
-def test_a_bad_problem_is_a_solution_with_a_reason(kind: str) -> None:
+def test_a_bad_problem_is_a_solution_with_a_reason(backend: str, kind: str) -> None:
     unbounded = np.full(2, np.inf)
     qp = Qp(np.eye(2), np.ones(2), -unbounded, unbounded, np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([1.0, -2.0]))
     if kind == "no number":
         qp = replace(qp, hessian=qp.hessian * np.nan)
     if kind == "not convex":
         qp = replace(qp, hessian=-qp.hessian)
-    fault = solve_qp(qp, QpConfig()).fault(0.1, 1e-4)
+    fault = solver(QpConfig(backend)).solve(qp).fault(0.1, 1e-4)
     assert fault in {"contradiction": {INFEASIBLE}, "no number": {FAILED, "not finite", INFEASIBLE}}.get(kind, {FAILED})
+
+
+def test_an_unknown_solver_is_refused() -> None:
+    with pytest.raises(InputError, match=r"qp\.backend: found simplex; expected one of daqp, osqp"):
+        solver(QpConfig("simplex"))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_configuration_names_the_solver_and_the_defaults(backend: str) -> None:
+    read = read_config(QpConfig, OmegaConf.load(CONF / "evaluate" / "qp" / f"{backend}.yaml"), "evaluate.qp")
+    assert read == QpConfig(backend)
 
 
 def test_limits_that_contradict_themselves_are_refused() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from leapgap.jumping.control.condensed_qp import ROUNDING_S
 from leapgap.jumping.control.goal_shift_mpc import ChangeWatch, GoalShiftConfig, GoalShiftPlanner, LandingPredictor
 from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
-from leapgap.jumping.control.qp import NOT_FINITE, Qp, QpConfig, SolutionRequirements, guarded_solve
+from leapgap.jumping.control.qp import NOT_FINITE, Qp, QpConfig, SolutionRequirements, guarded_solve, solver
 from leapgap.jumping.control.shifted_plan import GOAL_AXES, DeviationRecorder, Observation, ShiftedPlan, ShiftGrid
 from leapgap.jumping.control.tracking import JumpController, PhaseGains
 from leapgap.jumping.models.rigid_body import Z
@@ -97,6 +97,7 @@ class ShiftTracker(JumpController):
         self.planner = None if model is None else GoalShiftPlanner(plan, model, target, config)
         if self.planner is not None:
             self.planner.prepare()
+        self.solver = solver(QP)
         self.watch = None if model is None else ChangeWatch(model.calm, config.sudden)
         shape = (self.grid.updates, GOAL_AXES)
         self.exploration = np.zeros(shape) if exploration is None else exploration
@@ -184,7 +185,7 @@ class ShiftTracker(JumpController):
         if not np.isfinite(deviation).all():
             self.count_fallback(NOT_FINITE)
         elif since is not None and update < self.grid.free_updates:
-            result = guarded_solve(self._problem(update, before, since), QP, SolutionRequirements())
+            result = guarded_solve(self._problem(update, before, since), self.solver, SolutionRequirements())
             if result.x is not None:
                 self.shifts[update:] += result.x[:GOAL_AXES]
             else:

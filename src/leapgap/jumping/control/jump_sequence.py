@@ -12,7 +12,7 @@ from leapgap.jumping.control.border import TIME_NOT_USABLE, Border
 from leapgap.jumping.control.condensed_qp import ROUNDING_S, ForceLimits, Horizon, prepare_qp
 from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
 from leapgap.jumping.control.mpc import StateWeights
-from leapgap.jumping.control.qp import Qp, QpConfig, SolutionRequirements, guarded_solve
+from leapgap.jumping.control.qp import Qp, QpConfig, SolutionRequirements, guarded_solve, solver
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.models.rigid_body import GRAVITY, POSITION, AffineModel, RigidBody, RigidBodyModel, Situation, X, Z
 from leapgap.jumping.task import JointGains
@@ -56,6 +56,7 @@ class LandingMpc(Controller):
         self.model = RigidBodyModel(body)
         self.legs = LegKinematics(robot)
         self.border = Border(robot)
+        self.solver = solver(config.qp)
         self.fallbacks: Counter[str] = Counter()
         self.force = standing_force(self.model.body)
         self._next_update_s = -np.inf
@@ -75,7 +76,7 @@ class LandingMpc(Controller):
 
     def _plan(self, estimate: StateEstimate) -> np.ndarray:
         """First force towards rest, (4,), N; the weight of the robot where there is no solution."""
-        result = guarded_solve(self._problem(estimate), self.config.qp, self.config.demands)
+        result = guarded_solve(self._problem(estimate), self.solver, self.config.demands)
         if result.x is not None:
             return result.x[: len(self.force)]
         self.fallbacks[result.fault] += 1

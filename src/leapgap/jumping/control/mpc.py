@@ -16,8 +16,10 @@ from leapgap.jumping.control.qp import (
     Qp,
     QpConfig,
     QpSolution,
+    QpSolver,
     SolutionRequirements,
     guarded_solve,
+    solver,
 )
 from leapgap.jumping.control.tracking import JumpController, PhaseGains, Reference
 from leapgap.jumping.learning.windows import MOST_STEPS, TimeGrid
@@ -218,10 +220,17 @@ class ForcePlanner:
     Everything that does not depend on the measured state is computed beforehand, for every update of the jump.
     """
 
-    def __init__(self, reference: Reference, model: PredictionModel | DeviationModel, config: MpcConfig) -> None:
+    def __init__(
+        self,
+        reference: Reference,
+        model: PredictionModel | DeviationModel,
+        config: MpcConfig,
+        qp_solver: QpSolver | None = None,
+    ) -> None:
         self.reference, self.config = reference, config
         formulation = AlongPlan if isinstance(model, DeviationModel) else AsMeasured
         self.formulation = formulation(reference, model, config)
+        self.solver = qp_solver or solver(config.qp)
         self.fallbacks: Counter[str] = Counter()
         self._good: ForcePlan | None = None
         updates = np.arange(0.0, reference.schedule.take_off_s - ROUNDING_S, config.period_s)
@@ -233,7 +242,7 @@ class ForcePlanner:
             return ForcePlan(horizon(self.config.grid, self.reference.schedule, time_s), np.zeros((0, FORCES)))
         prepared = self.prepared.get(microseconds(time_s)) or self.formulation.prepare(time_s)
         problem = self.problem(time_s, prepared, state, foot)
-        x, fault, solution = guarded_solve(problem, self.config.qp, self.config.demands)
+        x, fault, solution = guarded_solve(problem, self.solver, self.config.demands)
         if x is not None:
             self._good = ForcePlan(prepared.horizon, prepared.forces(x), solution)
             return self._good

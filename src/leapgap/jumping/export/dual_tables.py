@@ -6,7 +6,7 @@ import numpy as np
 
 from leapgap.jumping.control.condensed_qp import STATES, PreparedQp
 from leapgap.jumping.control.mpc import ForcePlanner
-from leapgap.jumping.control.qp import SOLVED, solve_qp
+from leapgap.jumping.control.qp import SOLVED
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def active_at_reference(
     """Numbers of the limits that act in the update of the reference itself; none where it has no solution."""
     reference, row = planner.reference, planner.reference.row(time_s)
     problem = planner.problem(time_s, ready, reference.state[row], reference.foot[row])
-    solution = None if problem is None else solve_qp(problem, planner.config.qp)
+    solution = None if problem is None else planner.solver.solve(problem)
     if solution is None or solution.status != SOLVED:
         return np.zeros(0, np.int64)
     of_bounds, of_rows = np.split(solution.dual, [len(ready.lower)])
