@@ -23,7 +23,7 @@ PUBLIC = (
 )
 """As the contract lists them."""
 EXTRAS = {
-    *("casadi", "daqp", "dvc", "h5py", "hydra", "joblib", "lightning", "mujoco_menagerie", "numba", "omegaconf"),
+    *("casadi", "daqp", "dvc", "h5py", "hydra", "joblib", "lightning", "mujoco_menagerie", "omegaconf"),
     *("onnx", "onnxruntime", "osqp", "rerun", "rosbags", "torch"),
 }
 """Modules that extras bring, and that are imported where they are used."""

@@ -33,7 +33,6 @@ ONLY_IN = {
     "onnxruntime": {"learning"},
     "casadi": {"jumping.planning", "jumping.control"},
     "daqp": {"jumping.control"},
-    "numba": {"jumping.control"},
     "osqp": {"jumping.control"},
     "gymnasium": {"simulation"},
     "h5py": {"logs"},

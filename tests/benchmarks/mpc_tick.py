@@ -5,8 +5,7 @@ on their values), on the states of logged jumps at 40 Hz, one thread. Versions t
 once untimed (a robot stands before it jumps, and its controller has long been running). The plain version
 evaluates all networks in torch for the K samples at every update, multiplies the condensed matrices out as the paper
 writes them, and solves with OSQP at its default tolerance, set up once and updated. Accuracy, N, is the largest
-deviation of any force of a plan from the independent method of tests/jumping/control/test_qp.py. The compiled
-versions need the extra ``compiled``; without it there is no row of them. Run as
+deviation of any force of a plan from the independent method of tests/jumping/control/test_qp.py. Run as
 ``python -m tests.benchmarks.mpc_tick --json <file>``; on a shared machine only ratios of one run mean something.
 """
 
@@ -23,7 +22,6 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from leapgap.jumping.control import compiler
 from leapgap.jumping.control.mpc import ForcePlan, JumpMpc, MpcConfig
 from leapgap.jumping.control.qp import QpConfig
 from leapgap.jumping.control.tracking import PhaseGains, Reference
@@ -36,7 +34,7 @@ from leapgap.runtime.atomic_io import write_json
 from leapgap.simulation.controller import StateEstimate
 from tests.benchmarks import run_benchmark
 from tests.benchmarks.tick.plain_mpc import Plain
-from tests.benchmarks.tick.random_networks import PAPER, SMALL, Networks, Weights, along_plan, exported
+from tests.benchmarks.tick.random_networks import PAPER, SMALL, Networks, Weights, along_plan
 from tests.benchmarks.tick.recorded_states import recorded_jumps
 from tests.benchmarks.tick.timings import Timings, busy_cores, load
 from tests.jumping.control.test_qp import by_least_distance
@@ -75,10 +73,6 @@ def measure(
         "daqp_small_networks": (Networks(small), MpcConfig(grid)),
         "daqp_along_plan": (along_plan(), replace(LEARNED, grid=grid)),
     }
-    if compiler.AVAILABLE:
-        kinds["compiled"] = (exported(weights, GRIDS["k10"]), MpcConfig(grid, compiled=True))
-        kinds["compiled_small_networks"] = (exported(small, GRIDS["k10"]), MpcConfig(grid, compiled=True))
-        kinds["compiled_along_plan"] = (along_plan(), replace(LEARNED, grid=grid, compiled=True))
     plain_kinds = {"torch_osqp": weights, "torch_osqp_small_networks": small}
     timed = {name: VersionTimings() for name in (*plain_kinds, *kinds)}
     for reference, told in jumps * rounds:
@@ -125,7 +119,7 @@ def judge(
 ) -> None:
     """Largest deviation of each version's forces from the exact ones of the same networks."""
     for name in ("daqp", "daqp_small_networks", "daqp_along_plan"):
-        same_networks = [name.replace("daqp", kind) for kind in ("daqp", "osqp", "compiled", "torch_osqp")]
+        same_networks = [name.replace("daqp", kind) for kind in ("daqp", "osqp", "torch_osqp")]
         for i, exact in enumerate(plans[name]):
             if exact.solution is None:
                 raise SystemExit(f"{name}: a plan without its problem")
@@ -156,17 +150,16 @@ def main() -> None:
     after = load()
     with busy_cores():
         loaded = measure(GRIDS["k10"], jumps[:4], robot, 1)
-    compiled = "compiled" if compiler.AVAILABLE else "daqp"
-    ours = {k: results[k][compiled].row() for k in GRIDS}
+    ours = {k: results[k]["daqp"].row() for k in GRIDS}
     result = {
         **{f"tick_us_{part}": {k: ours[k][part] for k in GRIDS} for part in ("median", "p99", "p99_9", "worst")},
         "qp_us_median": {
             b: {k: round(float(np.median(results[k][b].qp_microseconds)), 1) for k in GRIDS} for b in ("daqp", "osqp")
         },
         "force_error_n": {name: {k: results[k][name].row()["force_error_n"] for k in GRIDS} for name in results["k10"]},
-        "ratio_to_torch_osqp": {k: ratio(results[k], compiled, "torch_osqp", "median") for k in GRIDS},
-        "ratio_to_torch_osqp_cpu": {k: ratio(results[k], compiled, "torch_osqp", "cpu_median") for k in GRIDS},
-        "bars": bars(results["k10"], compiled),
+        "ratio_to_torch_osqp": {k: ratio(results[k], "daqp", "torch_osqp", "median") for k in GRIDS},
+        "ratio_to_torch_osqp_cpu": {k: ratio(results[k], "daqp", "torch_osqp", "cpu_median") for k in GRIDS},
+        "bars": bars(results["k10"]),
         "versions": {k: {name: timed.row() for name, timed in results[k].items()} for k in GRIDS},
         "under_load": {"k10": {name: timed.row() for name, timed in loaded.items()}},
         "updates": {k: len(results[k]["daqp"].microseconds) for k in GRIDS},
@@ -191,11 +184,11 @@ def ratio(
     return round(versions[ours].row()[part] / versions[plain].row()[plain_part or part], 4)
 
 
-def bars(versions: dict[str, VersionTimings], compiled: str) -> dict[str, dict[str, float]]:
+def bars(versions: dict[str, VersionTimings]) -> dict[str, dict[str, float]]:
     """What a tick may take, as shares of the median of torch + OSQP in this run, and what it took."""
     shares = {}
     for networks, limits in (("paper", {"median": 160, "p99": 300}), ("small", {"median": 100, "p99": 150})):
-        ours = compiled + ("_small_networks" if networks == "small" else "")
+        ours = "daqp_small_networks" if networks == "small" else "daqp"
         for part, limit_us in limits.items():
             shares[f"{networks}_networks_{part}"] = {
                 "bar": round(limit_us / PLAIN_WHERE_BARS_WERE_SET_US, 4),

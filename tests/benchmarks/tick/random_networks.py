@@ -1,20 +1,17 @@
-"""Networks of given sizes with random weights, in NumPy and in the form that is compiled."""
+"""Networks of given sizes with random weights, in NumPy."""
 
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from leapgap.jumping.control.inference import ExportedModel, Perceptron, Phase
 from leapgap.jumping.learning.models.residual_networks import (
     DeviationNetworks,
     DeviationNetworksConfig,
     initial_deviation_networks,
 )
 from leapgap.jumping.learning.recipe import DeviationTask
-from leapgap.jumping.learning.windows import Purpose, TimeGrid
 from leapgap.jumping.models.rigid_body import GRAVITY, AffineModel, PredictionModel, Situation, rows, selection
-from leapgap.jumping.task import ContactSchedule
 from tests.conftest import A1_BODY
 
 INPUTS = ("x_from_start", "z_from_start", "pitch", "front_foot_x", "front_foot_z", "rear_foot_x", "rear_foot_z")
@@ -75,27 +72,6 @@ class Networks(PredictionModel):
             bias[~contact] = forward(self.weights.h2, x[~contact])
         bias[:, 1] -= GRAVITY
         return AffineModel(bias, by_force)
-
-
-def exported(weights: Weights, grid: TimeGrid) -> ExportedModel:
-    """The same model in the form in which trained models are exported, which can be compiled."""
-    at_rest, by_unit = (A1_BODY.force_rows(foot).reshape(-1, 12) for foot in (np.zeros(4), np.eye(4)))
-    constant = np.concatenate([[0.0, -GRAVITY, 0.0], at_rest[0]])
-    feet = np.pad(by_unit - at_rest, [(0, 0), (3, 0)])
-    bias = [as_perceptron(net, slice(0, 3), 1.0) for net in (weights.h1, weights.h2)]
-    contact = Phase(constant, feet, (bias[0], as_perceptron(weights.g1, slice(3, 15), LIKE_CONTROL)))
-    in_air = Phase(np.pad(constant[:3], (0, 12)), 0 * feet, (bias[1],))
-    purpose = Purpose(grid, ContactSchedule(), "", "")
-    return ExportedModel("random", purpose, contact, in_air)
-
-
-def as_perceptron(net: Layers, outputs: slice, scale: float) -> Perceptron:
-    """A network on all known inputs whose outputs are some of the fifteen, scaled."""
-    hidden = [(weight.T, bias) for weight, bias in net[:-1]]
-    hidden[0] = ((SELECT @ hidden[0][0]).astype(np.float32), hidden[0][1])
-    last, last_bias = np.zeros((len(net[-1][0][0]), 15), np.float32), np.zeros(15, np.float32)
-    last[:, outputs], last_bias[outputs] = net[-1][0].T * scale, net[-1][1] * scale
-    return Perceptron(tuple((np.ascontiguousarray(w), b) for w, b in [*hidden, (last, last_bias)]))
 
 
 def along_plan() -> DeviationNetworks:

@@ -1,11 +1,10 @@
-"""The MPC in deviations from its plan: on a system that is written out here, with and without the compiler."""
+"""The MPC in deviations from its plan: on a system that is written out here."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from leapgap.jumping.control import compiler
 from leapgap.jumping.control.condensed_qp import ForceLimits
 from leapgap.jumping.control.mpc import ForcePlanner, MpcConfig, StateWeights
 from leapgap.jumping.learning.windows import TimeGrid
@@ -51,22 +50,13 @@ class Springy(DeviationModel):
         return {}
 
 
-def planners(model: DeviationModel, config: MpcConfig = CONFIG) -> list[ForcePlanner]:
-    found = [ForcePlanner(REFERENCE, model, config)]
-    if compiler.AVAILABLE:
-        from leapgap.jumping.control.compiled_planner import CompiledPlanner
-
-        found.append(CompiledPlanner(REFERENCE, model, config))
-    return found
-
-
 def test_on_the_plan_a_robot_without_residual_follows_it() -> None:
-    for planner in planners(NominalDeviation(A1_BODY)):
-        for time_s in np.arange(0, 0.8, 0.025):
-            row = REFERENCE.row(time_s)
-            plan = planner.plan(time_s, REFERENCE.state[row], REFERENCE.foot[row])
-            assert plan.fallback is None
-            assert plan.force == pytest.approx(REFERENCE.mean_force(plan.horizon.time_s), abs=1e-3)
+    planner = ForcePlanner(REFERENCE, NominalDeviation(A1_BODY), CONFIG)
+    for time_s in np.arange(0, 0.8, 0.025):
+        row = REFERENCE.row(time_s)
+        plan = planner.plan(time_s, REFERENCE.state[row], REFERENCE.foot[row])
+        assert plan.fallback is None
+        assert plan.force == pytest.approx(REFERENCE.mean_force(plan.horizon.time_s), abs=1e-3)
 
 
 def landed(planner: ForcePlanner | None, model: Springy, off: np.ndarray, kick: np.ndarray | None = None) -> np.ndarray:
@@ -95,10 +85,9 @@ def landed(planner: ForcePlanner | None, model: Springy, off: np.ndarray, kick: 
 @pytest.mark.parametrize("off", [np.zeros(6), np.array([0.01, -0.01, 0.05, 0.1, -0.1, 0.3])])
 def test_a_drift_that_the_model_knows_is_met_before_it_comes(off: np.ndarray) -> None:
     model = Springy()
-    (nominal, *_) = planners(NominalDeviation(A1_BODY))
+    nominal = ForcePlanner(REFERENCE, NominalDeviation(A1_BODY), CONFIG)
     surprised = abs(landed(nominal, model, off)[0])
-    for planner in planners(model):
-        assert abs(landed(planner, model, off)[0]) < surprised / 2
+    assert abs(landed(ForcePlanner(REFERENCE, model, CONFIG), model, off)[0]) < surprised / 2
 
 
 def test_what_is_expected_of_the_plan_is_left_alone_and_what_is_not_is_corrected() -> None:
@@ -106,11 +95,11 @@ def test_what_is_expected_of_the_plan_is_left_alone_and_what_is_not_is_corrected
     model, start, kick = Springy(), np.zeros(6), np.array([0.0, 0.0, 0.0, 0.2, 0.0, 0.0])
     expected, kicked = landed(None, model, start), landed(None, model, start, kick)
     assert abs(expected[0]) > 0.01, "a drift that shows"
-    for planner in planners(model, replace(CONFIG, to_expected=True)):
-        assert landed(planner, model, start) == pytest.approx(expected, abs=1e-3)
-        assert abs((landed(planner, model, start, kick) - expected)[0]) < abs((kicked - expected)[0]) / 2
-    for planner in planners(model):
-        assert abs(landed(planner, model, start)[0]) < abs(expected[0]) / 2, "the plan itself is aimed at"
+    planner = ForcePlanner(REFERENCE, model, replace(CONFIG, to_expected=True))
+    assert landed(planner, model, start) == pytest.approx(expected, abs=1e-3)
+    assert abs((landed(planner, model, start, kick) - expected)[0]) < abs((kicked - expected)[0]) / 2
+    planner = ForcePlanner(REFERENCE, model, CONFIG)
+    assert abs(landed(planner, model, start)[0]) < abs(expected[0]) / 2, "the plan itself is aimed at"
 
 
 def test_what_the_landing_weighs_shows_only_where_the_horizon_sees_it() -> None:
@@ -130,14 +119,13 @@ def test_forces_are_the_exact_ones(time_s: float) -> None:
     """By non-negative least squares, also between updates and where limits act."""
     rng, row = np.random.default_rng(5), REFERENCE.row(time_s)
     state = REFERENCE.state[row] + rng.normal(size=6) * [0.03, 0.03, 0.1, 0.3, 0.3, 1.0]
-    plain, *compiled = planners(Springy())
-    ready = plain.prepared.get(round(1e6 * time_s)) or plain.formulation.prepare(time_s)
-    problem = plain._problem(time_s, ready, state, REFERENCE.foot[row])
+    planner = ForcePlanner(REFERENCE, Springy(), CONFIG)
+    ready = planner.prepared.get(round(1e6 * time_s)) or planner.formulation.prepare(time_s)
+    problem = planner.problem(time_s, ready, state, REFERENCE.foot[row])
     assert problem is not None
     expected = ready.forces(by_least_distance(problem))
     off = np.abs(expected - REFERENCE.mean_force(ready.horizon.time_s))[per_axis(ready.horizon.share > 0)]
     assert np.isclose(off, 60, atol=1e-6).any(), "no limit acts: tests little"
-    for planner in (plain, *compiled):
-        plan = planner.plan(time_s, state, REFERENCE.foot[row])
-        assert plan.fallback is None
-        assert plan.force == pytest.approx(expected, abs=1e-3)
+    plan = planner.plan(time_s, state, REFERENCE.foot[row])
+    assert plan.fallback is None
+    assert plan.force == pytest.approx(expected, abs=1e-3)

@@ -184,10 +184,7 @@ def run(
 
 
 def test_two_jumps_in_mujoco_each_lands_and_stands(reference: Log, jump_reference: Reference, robot: Robot) -> None:
-    jumps = [
-        JumpMpc(jump_reference, robot, PhaseGains(), RigidBodyModel(A1_BODY), MpcConfig(), level_m=None)
-        for _ in range(2)
-    ]
+    jumps = [JumpMpc(jump_reference, robot, PhaseGains(), RigidBodyModel(A1_BODY), MpcConfig()) for _ in range(2)]
     controller = JumpSequence(jumps, robot, SequenceConfig(), A1_BODY)
     made = run(reference, robot, controller, after_s=3.2)
     assert len(starts_s(controller)) == len(controller.landings_s) == 2

@@ -199,6 +199,20 @@ def test_a_measurement_that_is_no_number_goes_on_with_the_last_plan_shifted(wher
     assert again.fallback is None
 
 
+class Footless(PredictionModel):
+    """A model that does not depend on the feet."""
+
+    def affine(self, situation: Situation, contact: np.ndarray) -> AffineModel:
+        return MODEL.affine(replace(situation, foot=np.tile(REFERENCE.foot[0], (len(contact), 1))), contact)
+
+
+def test_feet_that_are_no_numbers_count_for_a_model_without_feet_too() -> None:
+    """What was not measured decides no force."""
+    row = REFERENCE.row(0.2)
+    plan = planner(Footless()).plan(0.2, REFERENCE.state[row], REFERENCE.foot[row] * np.nan)
+    assert plan.fallback == NOT_FINITE
+
+
 def test_a_shifted_plan_does_not_push_with_feet_that_have_left() -> None:
     mpc = planner()
     mpc.plan(0.475, REFERENCE.state[475], REFERENCE.foot[475])

@@ -56,7 +56,7 @@ def problems(reference: Log, robot: Robot, steps: int) -> list[Qp]:
         row = followed.row(time_s)
         off = rng.normal(size=6) * [0.02, 0.02, 0.05, 0.15, 0.15, 0.4]
         prepared = planner.prepared[round(1e6 * time_s)]
-        problem = planner._problem(float(time_s), prepared, followed.state[row] + off, followed.foot[row])
+        problem = planner.problem(float(time_s), prepared, followed.state[row] + off, followed.foot[row])
         assert problem is not None
         made.append(problem)
     return made

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from leapgap import effects
-from leapgap.jumping.control import compiler
 from leapgap.jumping.control.mpc import MpcConfig
 from leapgap.jumping.experiments.goal_directed_jump import OTHER_PLAN, GoalDirectedJump, JumpPlanner, target_pose
 from leapgap.jumping.experiments.method import AimingMethod, JointPdMethod, JumpTask, MpcMethod
@@ -36,18 +35,10 @@ def test_a_planned_jump_of_the_robot_itself_lands_where_it_is_planned(bench: Ben
     assert outcome(bench, joint_pd, effects=weak).landings[0].error_cm > landed.error_cm + 4
 
 
-@pytest.mark.skipif(not compiler.AVAILABLE, reason="numba is not installed")
-def test_a_compiled_mpc_lands_where_the_other_does(bench: Bench) -> None:
-    """Forces differ in their seventh digit; a jump amplifies that to micrometres."""
+def test_the_mpc_solves_all_of_a_jump_of_a_weak_robot(bench: Bench) -> None:
     weak = (effects.effect("torque_gain", scale=0.9),)
-    errors = []
-    for compiled in (False, True):
-        config = MpcConfig(compiled=compiled)
-        method = MpcMethod(bench.robot, bench.references, model=RigidBodyModel(A1_BODY), config=config)
-        found = outcome(bench, method, effects=weak)
-        assert not found.fallbacks
-        errors.append(found.landings[0].error_cm)
-    assert errors[1] == pytest.approx(errors[0], abs=1e-3)
+    method = MpcMethod(bench.robot, bench.references, model=RigidBodyModel(A1_BODY), config=MpcConfig())
+    assert not outcome(bench, method, effects=weak).fallbacks
 
 
 def test_jumps_in_a_row_are_each_judged_from_their_own_take_off(bench: Bench, joint_pd: JointPdMethod) -> None:

@@ -6,15 +6,13 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from leapgap.jumping.control.condensed_qp import ROUNDING_S, ForceLimits, Horizon, PreparedQp, horizon, prepare_qp
-from leapgap.jumping.control.inference import FirstStep, Uncompiled, first_step
 from leapgap.jumping.control.leg_kinematics import StartFrame
 from leapgap.jumping.control.qp import (
-    GuardedSolution,
     Qp,
     QpConfig,
     QpSolution,
@@ -73,9 +71,6 @@ class MpcConfig:
     limits: ForceLimits = field(default_factory=ForceLimits)
     qp: QpConfig = field(default_factory=QpConfig)
     demands: SolutionRequirements = field(default_factory=SolutionRequirements)
-    compiled: bool = False
-    """Whether updates are compiled (extra ``compiled``): the same forces to rounding, several times as fast. Of ``qp``
-    only ``max_iterations`` counts then."""
     plan_valid_s: float = 0.1  # An update without a solution uses the last plan if that is no older, else the reference
 
     def __post_init__(self) -> None:
@@ -104,8 +99,8 @@ class Formulation(ABC):
         return state
 
     @abstractmethod
-    def first_step(self, compiled: bool) -> FirstStep:
-        """The model of the first step."""
+    def first_step(self, time_s: float, start: np.ndarray, foot: np.ndarray) -> AffineModel:
+        """The model of the first step, from the problem's first state (6,) and measured feet (4,)."""
 
     def weights(self, steps: Horizon) -> np.ndarray:
         """Diagonal of Q at the end of each step, (n, 6): that of the landing where the horizon reaches it."""
@@ -136,9 +131,11 @@ class AsMeasured(Formulation):
         affine = self.model.affine(there, steps.contact[1:]) if len(later) else NO_STEP
         return self.problem(steps, affine, reference.state[rows[1:]], self.model.curvature)
 
-    def first_step(self, compiled: bool) -> FirstStep:
+    def first_step(self, time_s: float, start: np.ndarray, foot: np.ndarray) -> AffineModel:
         """The model at the measured state."""
-        return first_step(self.model) if compiled else Uncompiled(self.model)
+        there = Situation(start[None], foot[None], np.array([time_s]), start[None])
+        affine: AffineModel = self.model.affine(there, np.array([True]))
+        return affine
 
 
 class AlongPlan(Formulation):
@@ -168,26 +165,19 @@ class AlongPlan(Formulation):
         affine = along_plan(self.model, self.reference, steps)
         assert affine.by_state is not None
         constant = np.concatenate([affine.bias[0], affine.by_force[0].ravel()])
-        self.first_models[round(time_s * 1e6)] = constant, affine.by_state[0].T.copy()
+        self.first_models[microseconds(time_s)] = constant, affine.by_state[0].T.copy()
         return self.problem(steps, affine.at(slice(1, None)), self.wanted(steps.time_s[1:]), CURVATURE)
 
     def start(self, time_s: float, state: np.ndarray) -> np.ndarray:
         """The measured state less that of the plan at this time, (6,)."""
         return state - self.reference.state[self.reference.row(time_s)]
 
-    def first_step(self, compiled: bool) -> FirstStep:
+    def first_step(self, time_s: float, start: np.ndarray, foot: np.ndarray) -> AffineModel:
         """Of the deviation: h + C e is known once it is measured."""
-
-        del compiled
-
-        def at(state: np.ndarray, foot: np.ndarray, time_s: float) -> np.ndarray:
-            del foot
-            constant, by_state = self.first_models[round(time_s * 1e6)]
-            found = constant.copy()
-            found[:3] += state @ by_state
-            return found
-
-        return at
+        del foot
+        constant, by_state = self.first_models[microseconds(time_s)]
+        bias = constant[:3] + start @ by_state
+        return AffineModel(bias[None], constant[3:].reshape(1, 3, FORCES))
 
 
 def along_plan(model: DeviationModel, reference: Reference, steps: Horizon) -> AffineModel:
@@ -230,8 +220,6 @@ class ForcePlanner:
     Everything that does not depend on the measured state is computed beforehand, for every update of the jump.
     """
 
-    compiled: ClassVar[bool] = False
-
     def __init__(
         self,
         reference: Reference,
@@ -242,7 +230,6 @@ class ForcePlanner:
         self.reference, self.config = reference, config
         formulation = AlongPlan if isinstance(model, DeviationModel) else AsMeasured
         self.formulation = formulation(reference, model, config)
-        self.first_step = self.formulation.first_step(self.compiled)
         self.solver = qp_solver or solver(config.qp)
         self.fallbacks: Counter[str] = Counter()
         self._good: ForcePlan | None = None
@@ -254,23 +241,20 @@ class ForcePlanner:
         if time_s > self.reference.schedule.take_off_s - ROUNDING_S:
             return ForcePlan(horizon(self.config.grid, self.reference.schedule, time_s), np.zeros((0, FORCES)))
         prepared = self.prepared.get(microseconds(time_s)) or self.formulation.prepare(time_s)
-        x, fault, solution = self._solve(time_s, prepared, state, foot)
+        problem = self.problem(time_s, prepared, state, foot)
+        x, fault, solution = guarded_solve(problem, self.solver, self.config.demands)
         if x is not None:
             self._good = ForcePlan(prepared.horizon, prepared.forces(x), solution)
             return self._good
         self.fallbacks[fault] += 1
         return ForcePlan(prepared.horizon, self._substitute(prepared.horizon), solution, fault)
 
-    def _solve(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> GuardedSolution:
-        """Solve the update of this time from a measured state and feet."""
-        return guarded_solve(self._problem(time_s, prepared, state, foot), self.solver, self.config.demands)
-
-    def _problem(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Qp | None:
+    def problem(self, time_s: float, prepared: PreparedQp, state: np.ndarray, foot: np.ndarray) -> Qp | None:
+        """The QP of the update of this time from a measured state and feet; None where one of them is not finite."""
         if not (np.isfinite(state).all() and np.isfinite(foot).all()):
             return None
         start = self.formulation.start(time_s, state)
-        model = self.first_step(start, foot, time_s)
-        return prepared.qp(start, AffineModel(model[None, :3], model[3:].reshape(1, 3, FORCES)))
+        return prepared.qp(start, self.formulation.first_step(time_s, start, foot))
 
     def _substitute(self, steps: Horizon) -> np.ndarray:
         """Fallback forces: the last plan shifted to these steps while it is valid, else the reference's forces."""
@@ -307,18 +291,10 @@ class JumpMpc(JumpController):
         gains: PhaseGains,
         model: PredictionModel | DeviationModel,
         config: MpcConfig,
-        level_m: float | None = 0.0,
     ) -> None:
-        super().__init__(reference, robot, gains, level_m)
+        super().__init__(reference, robot, gains)
         self.config = config
-        if config.compiled:  # numba is imported only where it is used
-            from leapgap.jumping.control.compiled_planner import CompiledPlanner
-            from leapgap.jumping.control.leg_kinematics import CompiledLegs
-
-            self.planner: ForcePlanner = CompiledPlanner(reference, model, config)
-            self.legs = CompiledLegs(robot)
-        else:
-            self.planner = ForcePlanner(reference, model, config)
+        self.planner = ForcePlanner(reference, model, config)
         self.fallbacks = self.planner.fallbacks
         self.plan_now: ForcePlan | None = None
         self._updates = 0
@@ -330,7 +306,7 @@ class JumpMpc(JumpController):
         if not any(contact):
             return self.zero_feed_forward()
         force = self._decided(time_s, estimate, frame) * PUSHING[contact]
-        return self.legs.planar_torque(*self._measured_pose(time_s, estimate), force, frame), force
+        return self.legs.torque(*self._measured_pose(time_s, estimate), frame.in_world(force)), force
 
     def _decided(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> np.ndarray:
         """Force of the latest plan, (4,), N; an update first, where one is due."""
@@ -342,7 +318,7 @@ class JumpMpc(JumpController):
     def _update(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> None:
         """Plan again; the next update is due at the next whole period."""
         self._updates = int((time_s + ROUNDING_S) / self.config.period_s) + 1
-        self.plan_now = self.planner.plan(time_s, *self.legs.planar(estimate, frame))
+        self.plan_now = self.planner.plan(time_s, frame.state(estimate), frame.foot(estimate, self.legs))
         if self.plan_now.fallback is not None:
             self.substituted.append((time_s, self.plan_now.fallback))
 
@@ -372,7 +348,7 @@ class DepartingMpc(JumpMpc):
         decided = self._decided(time_s, estimate, frame)
         departs = (self.config.limits.within(force + decided - self._mean) - force) * PUSHING[contact]
         pose = self._measured_pose(time_s, estimate)
-        return torque + self.legs.planar_torque(*pose, departs, frame), force + departs
+        return torque + self.legs.torque(*pose, frame.in_world(departs)), force + departs
 
     def _update(self, time_s: float, estimate: StateEstimate, frame: StartFrame) -> None:
         super()._update(time_s, estimate, frame)

@@ -142,9 +142,8 @@ class ObservedJointPd(JointPd):
         """The planned torques (joints,), N·m, and pair forces (4,), N."""
         if time_s <= self.reference.schedule.take_off_s:
             row = self.reference.row(time_s)
-            state = frame.state(estimate) - self.reference.state[row]
-            foot = frame.foot(estimate, self.legs) - self.reference.foot[row]
-            self.recorder.measure(np.concatenate([state, foot]))
+            measured = np.concatenate([frame.state(estimate), frame.foot(estimate, self.legs)])
+            self.recorder.measure(measured - np.concatenate([self.reference.state[row], self.reference.foot[row]]))
         update = self.recorder.update_at(time_s)
         if update >= self._updates:
             self._updates = update + 1

@@ -12,7 +12,6 @@ from leapgap.errors import InputError
 from leapgap.jumping.control.border import TIME_NOT_USABLE, Border
 from leapgap.jumping.control.leg_kinematics import LegKinematics, StartFrame
 from leapgap.jumping.learning.window_extraction import feet, states
-from leapgap.jumping.models.rigid_body import Z
 from leapgap.jumping.task import ContactSchedule, JointGains, Target, schedule_of, target_of
 from leapgap.logs.log import Log
 from leapgap.logs.pair_force import FORCES, per_axis
@@ -120,11 +119,9 @@ class JumpController(Controller):
     reasons.
     """
 
-    def __init__(self, reference: Reference, robot: Robot, gains: PhaseGains, level_m: float | None = 0.0) -> None:
-        """``level_m``: height of the ground at the start, m; None: computed from the measured height of the base."""
+    def __init__(self, reference: Reference, robot: Robot, gains: PhaseGains) -> None:
         self.reference, self.robot = reference, robot
         self.kp, self.kd = gains.rows(reference, robot)
-        self.level_m = level_m
         self.legs = LegKinematics(robot)
         self.border = Border(robot)
         self.fallbacks: Counter[str] = Counter()
@@ -146,8 +143,7 @@ class JumpController(Controller):
             self.start_s = judged.time_s
         place, turned = judged.base_position, judged.base_quaternion
         if self.frame is None and math.isfinite(place @ place + turned @ turned):  # of limited size, by the border
-            level = float(place[2] - self.reference.state[0, Z]) if self.level_m is None else self.level_m
-            self.frame = StartFrame.of(judged, level)
+            self.frame = StartFrame.of(judged)
         time_s = self._jump_time_s = judged.time_s - self.start_s
         torque, force = self.feed_forward(time_s, judged, self.frame or ORIGIN_FRAME)
         torque, force = self.border.within_limits(torque, force)
@@ -211,7 +207,7 @@ class ExcitedController(JumpController):
     def __init__(self, inner: JumpController, excitation: Excitation, rng: np.random.Generator) -> None:
         self.inner, self.excitation = inner, excitation
         self.reference, self.robot = inner.reference, inner.robot
-        self.level_m, self.legs, self.border = inner.level_m, inner.legs, inner.border
+        self.legs, self.border = inner.legs, inner.border
         self.fallbacks, self.substituted = inner.fallbacks, inner.substituted
         held = int(np.ceil(inner.reference.schedule.take_off_s / excitation.hold_s))
         self.force = rng.uniform(-excitation.force_n, excitation.force_n, (held, FORCES))

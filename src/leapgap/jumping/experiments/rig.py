@@ -165,10 +165,6 @@ class LandSettings:
             expected = "contact_step_s, flight_step_s and steps that fit together"
             raise InputError(f"land.grids.{key}", str(error), expected, "correct it") from None
 
-    def folder(self, key: str, method: str) -> Path:
-        """The folder of trained models that a method names."""
-        return Path(self.known("models", key, method))
-
     def known(self, part: str, key: str, method: str) -> Any:
         """The entry ``key`` of ``grids`` or ``models`` (``part``); a key that is not there is an ``InputError``."""
         entries = getattr(self, part)

@@ -17,7 +17,7 @@ from leapgap.jumping.control.shifted_plan import GOAL_AXES, ShiftedPlan, ShiftGr
 from leapgap.jumping.control.tracking import Reference
 from leapgap.jumping.experiments.goal_directed_jump import JumpPlanner
 from leapgap.jumping.experiments.goal_shift_jump import Authority, KickedJumps, shifted_plan
-from leapgap.jumping.experiments.trial import UPRIGHT_RAD
+from leapgap.jumping.experiments.trial import LEAVES_WITHIN_S, UPRIGHT_RAD
 from leapgap.jumping.models.rigid_body import GRAVITY
 from leapgap.jumping.planning.reference import to_jump
 from leapgap.jumping.task import Target
@@ -35,7 +35,6 @@ from leapgap.simulation.sensors import SensorNoise
 
 TOUCHES_M = 0.002  # A foot this close to the ground touches it
 PARTS_OF_A_PUSH = 6  # A push is simulated as so many kicks
-LEAVES_WITHIN_S = 0.05  # Feet near the ground within this time after the take-off have not left it yet
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,15 @@ import numpy as np
 
 from leapgap.errors import InputError
 from leapgap.jumping.control.border import DAMPING, HOLD_TICKS, LARGEST, LARGEST_TIME_S, LONGEST_GAP_S, QUATERNION_NORMS
-from leapgap.jumping.control.compiled_planner import DualTables, update_tables
 from leapgap.jumping.control.condensed_qp import STATES
 from leapgap.jumping.control.goal_shift_jump import LateStance, ShiftTracker
 from leapgap.jumping.control.goal_shift_mpc import RECENT, GoalShiftPlanner
-from leapgap.jumping.control.leg_kinematics import LegChains
 from leapgap.jumping.control.mpc import AlongPlan, DepartingMpc, JumpMpc
 from leapgap.jumping.control.tracking import JumpController
 from leapgap.jumping.experiments.goal_directed_jump import LandingModel
 from leapgap.jumping.experiments.goal_shift_jump import LandingFeedback
+from leapgap.jumping.export.dual_tables import DualTables, dual_tables
+from leapgap.jumping.export.leg_chains import LegChains
 from leapgap.jumping.models.rigid_body import CURVATURE, NominalDeviation
 from leapgap.logs.pair_force import FORCES
 from leapgap.robot.topology import PAIRS
@@ -157,7 +157,7 @@ def with_body(
     for pair, name in enumerate(PAIRS):
         pair_of_joint[tracker.robot.joints_at(name)] = pair
     own = {
-        **LegChains.of(tracker.robot).tables,
+        **vars(LegChains.of(tracker.robot)),
         "pair_of_joint": pair_of_joint,
         "torque_limit": tracker.border.limit_nm,
         "quaternion_norms": np.array(QUATERNION_NORMS),
@@ -291,7 +291,7 @@ def force_tables_of(controller: JumpMpc) -> ControllerTables:
         raise InputError("export", found, "one that has practised", "choose a method of kind practised_mpc")
     reference, config = controller.reference, controller.config
     ready, models = list(planner.prepared.values()), [along.first_models[key] for key in planner.prepared]
-    duals = [update_tables(planner, key / 1e6, one) for key, one in planner.prepared.items()]
+    duals = [dual_tables(planner, key / 1e6, one) for key, one in planner.prepared.items()]
     force = np.array([reference.mean_force(one.horizon.time_s[:2])[0] for one in ready])
     firsts, totals = ([len(one.first) for one in ready], [int(one.pushing.sum()) for one in ready])
     steps = max(len(one.horizon) for one in ready)
@@ -315,9 +315,9 @@ def force_tables_of(controller: JumpMpc) -> ControllerTables:
         "slope_to_go": np.array([one.slope_to_go for one in duals]),
         "later_force": padded([one.later for one in duals]),
         "later_by_state": padded([one.later_by_state for one in duals]),
-        "later_inverse": padded([np.linalg.inv(one.quadratic[STATES:, STATES:]) for one in duals]),
-        "cost": padded([one.quadratic for one in duals]),
-        "cost_slope": padded([one.linear for one in duals]),
+        "later_inverse": padded([np.linalg.inv(one.quadratic[STATES:, STATES:]) for one in ready]),
+        "cost": padded([one.quadratic for one in ready]),
+        "cost_slope": padded([one.linear for one in ready]),
         **limit_tables(duals),
     }
     numbers = {

@@ -1,6 +1,6 @@
 """Trained models on disk: ``<model>.npz`` (arrays) beside ``<model>.json`` (settings, and what they were made for)."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -45,12 +45,7 @@ def find_recipe(name: str, where: Path | str) -> ModelRecipe:
 
 def settings_by_section() -> dict[str, type[ModelSettings]]:
     """Classes of the models' settings by their section of the configuration, in alphabetical order."""
-    return by_section(recipes().values())
-
-
-def by_section(named: Iterable[ModelRecipe | DeviationRecipe]) -> dict[str, type[ModelSettings]]:
-    """The settings of some recipes by their section."""
-    kinds = {recipe.settings for recipe in named if recipe.settings}
+    kinds = {recipe.settings for recipe in recipes().values() if recipe.settings}
     sections: dict[str, type[ModelSettings]] = {}
     for kind in sorted(kinds, key=lambda kind: (kind.section, kind.__module__)):
         if kind.section in sections:

@@ -281,14 +281,12 @@ def fit(
     # A log file wants no bars.
     options["enable_progress_bar"] = options.get("enable_progress_bar", True) and sys.stderr.isatty()
     try:
-        driver = lightning.Trainer(
-            max_steps=fitting.steps,
-            gradient_clip_val=fitting.clip_norm or None,
+        driver = new_trainer(
+            fitting,
             default_root_dir=run.scratch,
             logger=loggers.make_logger(run.logger, run.models, run.title.replace(" ", "/")) or False,
             log_every_n_steps=every,
             use_distributed_sampler=False,
-            enable_model_summary=False,
             callbacks=[curve, checkpoint],
             **options,
         )
@@ -304,6 +302,12 @@ def fit(
         loggers.close(driver.loggers)
     shutil.rmtree(run.scratch, ignore_errors=True)
     return replace(model, networks=learner.residual.networks.mlps()), curve.rows
+
+
+def new_trainer(fitting: Fitting, **options: Any) -> lightning.Trainer:
+    """Lightning's driver of a fit, with further options."""
+    clip = fitting.clip_norm or None
+    return lightning.Trainer(max_steps=fitting.steps, gradient_clip_val=clip, enable_model_summary=False, **options)
 
 
 def silence_advice() -> None:
@@ -386,16 +390,7 @@ def fit_deviation(
     torch.set_num_threads(1)
     lightning.seed_everything(seed, verbose=False)
     learner = RollOuts(start, jumps, horizon, fitting)
-    trainer = lightning.Trainer(
-        max_steps=fitting.steps,
-        gradient_clip_val=fitting.clip_norm or None,
-        accelerator="cpu",
-        devices=1,
-        deterministic=True,
-        logger=False,
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-    )
+    quiet = {"logger": False, "enable_checkpointing": False, "enable_progress_bar": False}
+    trainer = new_trainer(fitting, accelerator="cpu", devices=1, deterministic=True, **quiet)
     trainer.fit(learner, torch.utils.data.DataLoader(EmptySteps(fitting.steps), batch_size=None))
     return replace(start, networks=learner.networks.mlps())

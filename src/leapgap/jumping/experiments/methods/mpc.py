@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -88,12 +89,12 @@ class LearnedMpcSettings(NominalMpcSettings):
     def check(self, name: str, settings: LandSettings) -> None:
         """Refuse an unknown folder, too."""
         super().check(name, settings)
-        settings.folder(self.models, name)
+        settings.known("models", self.models, name)
 
     def model(self, name: str, rig: Rig, body: RigidBody, grid: TimeGrid) -> PredictionModel | None:
         """Read the exported model; None, with a printed reason, where there is none."""
         settings = rig.settings
-        folder = settings.folder(self.models, name) / "exported"
+        folder = Path(settings.known("models", self.models, name)) / "exported"
         if not folder.is_dir():
             print(f"{name}: no trained models in {folder}, left out", flush=True)
             return None

@@ -32,11 +32,6 @@ class ModelEnsemble(ResidualModel):
         terms = [member.affine(situation, contact) for member in self.members]
         return AffineModel(np.mean([t.bias for t in terms], axis=0), np.mean([t.by_force for t in terms], axis=0))
 
-    def residual(self, situation: Situation, contact: np.ndarray) -> AffineModel:
-        """What the members' mean adds to the nominal body."""
-        whole, nominal = self.affine(situation, contact), self.nominal.at(situation.foot)
-        return AffineModel(whole.bias - nominal.bias, whole.by_force - nominal.by_force)
-
     def flatten(self) -> dict[str, FlatPhase]:
         """The mean of the members' flat forms."""
         return average_flat_models([member.flatten() for member in self.members])
