@@ -7,7 +7,6 @@ import ctypes
 import importlib.util
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -15,16 +14,11 @@ FOLDERS = ("{name}.libs", "{name}/.dylibs")  # where the wheels of NumPy and Sci
 PREFIXES, SUFFIXES = ("scipy_openblas", "openblas"), ("64_", "")  # of its functions, by build
 
 
-@dataclass(frozen=True)
-class BlasThreads:
-    """The number of threads of one loaded OpenBLAS."""
-
-    get: Callable[[], int]
-    set: Callable[[int], None]
+Threads = tuple[Callable[[], int], Callable[[int], None]]  # get and set the number of threads of one loaded OpenBLAS
 
 
 @cache
-def loaded() -> tuple[BlasThreads, ...]:
+def loaded() -> tuple[Threads, ...]:
     """Every OpenBLAS that NumPy and SciPy bring; empty where they use another library."""
     paths = [
         path
@@ -37,7 +31,7 @@ def loaded() -> tuple[BlasThreads, ...]:
     return tuple(one for one in found if one is not None)
 
 
-def threads_of(path: Path) -> BlasThreads | None:
+def threads_of(path: Path) -> Threads | None:
     """The functions of a library that get and set its threads; None where it has none of them."""
     try:
         library = ctypes.CDLL(str(path))
@@ -49,18 +43,18 @@ def threads_of(path: Path) -> BlasThreads | None:
             put = getattr(library, f"{prefix}_set_num_threads{suffix}", None)
             if get is not None and put is not None:
                 get.restype, put.restype, put.argtypes = ctypes.c_int, None, [ctypes.c_int]
-                return BlasThreads(get, put)
+                return get, put
     return None
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Compute with one thread of BLAS in this block; it may stand over a function, too."""
-    before = [(one, one.get()) for one in loaded()]
-    for one, _ in before:
-        one.set(1)
+    before = [(put, get()) for get, put in loaded()]
+    for put, _ in before:
+        put(1)
     try:
         yield
     finally:
-        for one, threads in before:
-            one.set(threads)
+        for put, threads in before:
+            put(threads)
