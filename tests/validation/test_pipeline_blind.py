@@ -15,8 +15,7 @@ from leapgap import effects
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.reports.diagnosis import diagnose_folder
-from leapgap.reports.kept import KEPT, keep, kept
-from leapgap.reports.pages import write_kept_pages
+from leapgap.reports.kept import KEPT, keep, kept, write_kept_pages
 from leapgap.reports.verdict_jobs import Job, run_jobs
 from leapgap.robot.model import Robot
 from leapgap.runtime.cache import ResultCache
