@@ -39,11 +39,11 @@ def test_one_thread_makes_sums_independent_of_the_cores() -> None:
 
 
 def test_the_number_of_threads_is_given_back() -> None:
-    before = [get() for get, _ in loaded()]
+    before = [one.get() for one in loaded()]
     assert before, "NumPy and SciPy use no OpenBLAS that is known"
     with one_blas_thread():
-        assert {get() for get, _ in loaded()} == {1}
-    assert [get() for get, _ in loaded()] == before
+        assert {one.get() for one in loaded()} == {1}
+    assert [one.get() for one in loaded()] == before
 
 
 def test_a_diagnosis_computes_with_one_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -53,19 +53,19 @@ def test_a_diagnosis_computes_with_one_thread(tmp_path: Path, monkeypatch: pytes
     seen: list[set[int]] = []
 
     def stop(*_: Any, **__: Mapping[str, Any]) -> None:
-        seen.append({get() for get, _ in loaded()})
+        seen.append({one.get() for one in loaded()})
         raise RuntimeError
 
     monkeypatch.setattr(diagnosis, "diagnose", stop)
-    for _, put in loaded():
-        put(2)
+    for one in loaded():
+        one.set(2)
     try:
         with pytest.raises(RuntimeError):
             lg.diagnose(tmp_path / "logs", tmp_path / "arm.xml")
-        assert {get() for get, _ in loaded()} == {2}
+        assert {one.get() for one in loaded()} == {2}
     finally:
-        for _, put in loaded():
-            put(1)
+        for one in loaded():
+            one.set(1)
     assert seen == [{1}]
 
 

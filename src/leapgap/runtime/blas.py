@@ -7,6 +7,7 @@ import ctypes
 import importlib.util
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -14,11 +15,16 @@ FOLDERS = ("{name}.libs", "{name}/.dylibs")  # where the wheels of NumPy and Sci
 PREFIXES, SUFFIXES = ("scipy_openblas", "openblas"), ("64_", "")  # of its functions, by build
 
 
-Threads = tuple[Callable[[], int], Callable[[int], None]]  # get and set the number of threads of one loaded OpenBLAS
+@dataclass(frozen=True)
+class BlasThreads:
+    """The number of threads of one loaded OpenBLAS."""
+
+    get: Callable[[], int]
+    set: Callable[[int], None]
 
 
 @cache
-def loaded() -> tuple[Threads, ...]:
+def loaded() -> tuple[BlasThreads, ...]:
     """Every OpenBLAS that NumPy and SciPy bring; empty where they use another library."""
     paths = [
         path
@@ -31,7 +37,7 @@ def loaded() -> tuple[Threads, ...]:
     return tuple(one for one in found if one is not None)
 
 
-def threads_of(path: Path) -> Threads | None:
+def threads_of(path: Path) -> BlasThreads | None:
     """The functions of a library that get and set its threads; None where it has none of them."""
     try:
         library = ctypes.CDLL(str(path))
@@ -43,18 +49,18 @@ def threads_of(path: Path) -> Threads | None:
             put = getattr(library, f"{prefix}_set_num_threads{suffix}", None)
             if get is not None and put is not None:
                 get.restype, put.restype, put.argtypes = ctypes.c_int, None, [ctypes.c_int]
-                return get, put
+                return BlasThreads(get, put)
     return None
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Compute with one thread of BLAS in this block; it may stand over a function, too."""
-    before = [(put, get()) for get, put in loaded()]
-    for put, _ in before:
-        put(1)
+    before = [(one, one.get()) for one in loaded()]
+    for one, _ in before:
+        one.set(1)
     try:
         yield
     finally:
-        for put, threads in before:
-            put(threads)
+        for one, threads in before:
+            one.set(threads)
