@@ -13,8 +13,13 @@ from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.kinematics import feet_positions
 from leapgap.robot.model import Robot
 
-Commands = tuple[np.ndarray, np.ndarray]
-"""Set points of the joint PD, rad (m for slides), and feed-forward torques, N·m, (rows, joints) each."""
+
+@dataclass(frozen=True)
+class PlannedCommands:
+    """What a plan asks of the joints, (rows, joints) each."""
+
+    position: np.ndarray  # set points of the joint PD, rad (m for slides)
+    torque: np.ndarray  # feed-forward, N·m
 
 
 @dataclass(frozen=True)
@@ -29,7 +34,7 @@ class PlannedMotion(ABC):
     kd: list[float]  # N·m·s/rad of each joint, or one number for all
 
     @abstractmethod
-    def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> Commands:
+    def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> PlannedCommands:
         """Commands of one plan at ``time`` (rows,), s, from the joint angles ``pose`` (joints,), where it rests."""
 
     @staticmethod
@@ -52,11 +57,11 @@ class PlannedMotion(ABC):
         kp, kd = (per_joint(gains, robot, key) for gains, key in ((self.kp, "kp"), (self.kd, "kd")))
         logs = []
         for number in range(self.plans):
-            position, torque = self.commands(time, pose, robot, rng)
-            speed = np.gradient(position, self.sample_period_s, axis=0)
+            asked = self.commands(time, pose, robot, rng)
+            speed = np.gradient(asked.position, self.sample_period_s, axis=0)
             columns: dict[str, np.ndarray] = {}
             for i, joint in enumerate(robot.joints):
-                values = {"tau": torque[:, i], "pos": position[:, i], "vel": speed[:, i]}
+                values = {"tau": asked.torque[:, i], "pos": asked.position[:, i], "vel": speed[:, i]}
                 values |= {"kp": np.full(len(time), kp[i]), "kd": np.full(len(time), kd[i])}
                 columns |= {f"cmd_{quantity}/{joint}": np.ascontiguousarray(v) for quantity, v in values.items()}
             info = LogInfo(robot.name, self.sample_period_s, "a planned motion")
@@ -86,7 +91,7 @@ class SumOfSines(PlannedMotion):
     swing: list[float]  # largest departure of each joint from the keyframe, rad (m for slides), or one number for all
     onset_s: float  # the motion grows from rest over this time
 
-    def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> Commands:
+    def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> PlannedCommands:
         """Set points within the joints' ranges, and the torque that holds them against gravity in the model."""
         joints, waves = len(robot.joints), len(self.frequencies_hz)
         size = rng.uniform(0.4, 1.0, (waves, joints))
@@ -112,7 +117,7 @@ class SumOfSines(PlannedMotion):
             mujoco.mj_comVel(model, data)
             mujoco.mj_rne(model, data, 0, data.qfrc_bias)
             torque[row] = data.qfrc_bias[robot.joint_dofs]
-        return position, torque
+        return PlannedCommands(position, torque)
 
 
 @dataclass(frozen=True)
@@ -133,7 +138,7 @@ class Trot(PlannedMotion):
     still_s: float  # the robot stands this long before the trot begins
     onset_s: float  # steps grow to their whole size over this time
 
-    def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> Commands:
+    def commands(self, time: np.ndarray, pose: np.ndarray, robot: Robot, rng: np.random.Generator) -> PlannedCommands:
         """Set points of one gait, without feed-forward torque."""
         frequency, lift, stride = (
             float(rng.uniform(least, most)) for least, most in (self.frequency_hz, self.lift_rad, self.stride_rad)
@@ -145,7 +150,7 @@ class Trot(PlannedMotion):
             for limb in limbs:
                 position[:, joint_at(limb, self.lifting, robot)] += growth * (lift * raised - stride * swept)
                 position[:, joint_at(limb, self.bending, robot)] -= 2 * growth * lift * raised
-        return position, np.zeros_like(position)
+        return PlannedCommands(position, np.zeros_like(position))
 
 
 def steps(cycles: np.ndarray, duty: float) -> tuple[np.ndarray, np.ndarray]:
