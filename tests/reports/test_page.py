@@ -139,8 +139,8 @@ def test_effects_that_do_the_same_to_the_logs_are_alike_and_others_are_not(arm: 
     ]
     found = similarity(causes, lg.read_logs(arm / "logs"), Robot.load(arm / "arm.xml"))
     assert found is not None
-    names, alike = found
-    assert names == ["viscous friction (elbow)", "joint Coulomb friction (elbow)", "viscous friction (shoulder)"]
+    assert found.names == ("viscous friction (elbow)", "joint Coulomb friction (elbow)", "viscous friction (shoulder)")
+    alike = found.correlation
     np.testing.assert_allclose(np.diag(alike), 1)
     assert alike[0, 1] > 0.7 > 0.5 > abs(alike[0, 2])
     assert similarity(causes[:1], lg.read_logs(arm / "logs"), Robot.load(arm / "arm.xml")) is None

@@ -24,6 +24,14 @@ from leapgap.simulation.replay import Replayer
 from leapgap.simulation.rollout import Rollout
 
 
+@dataclass(frozen=True)
+class Similarity:
+    """Correlations of the changes by effects."""
+
+    names: tuple[str, ...]  # effects with their places, such as ``viscous friction (elbow)``
+    correlation: np.ndarray  # between −1 and 1, (effects, effects)
+
+
 def gap_map(report: ReportContent, robot: Robot, phases: Sequence[str]) -> go.Figure:
     """Share of the squared gap by phase, in the order given, and channel; joints summed over the legs of a pair."""
     phases = list(dict.fromkeys([*phases, *(place.phase for place in report.where)]))
@@ -80,9 +88,9 @@ def round_numbers(values: Sequence[float]) -> list[float]:
     return [step * 10.0**power for power in range(low, high + 1) for step in steps]
 
 
-def similarities(names: list[str], correlation: np.ndarray) -> go.Figure:
+def similarities(alike: Similarity) -> go.Figure:
     """Correlations of what the effects change, as a map."""
-    values = np.round(correlation, 2)
+    values, names = np.round(alike.correlation, 2), list(alike.names)
     texts = [[f"{value:.2f}" for value in row] for row in values]
     figure = heat_map(values, names, names, texts, "%{y} and %{x}: %{z:.2f}", zmin=-1, zmax=1, colorscale="RdBu_r")
     figure.update_layout(height=100 + 42 * len(names), margin={"l": 170, "r": 20, "t": 20, "b": 40})
@@ -270,11 +278,8 @@ HORIZON_S, EVERY_S = 0.1, 0.01
 
 def similarity(
     causes: Sequence[Cause], logs: Sequence[Log], robot: Robot, horizon_s: float = HORIZON_S, every_s: float = EVERY_S
-) -> tuple[list[str], np.ndarray] | None:
-    """Names of the first causes, and correlations of what they change at their fitted values, (causes, causes).
-
-    None where fewer than two change anything.
-    """
+) -> Similarity | None:
+    """Correlations between the first causes at their fitted values; None where fewer than two change anything."""
     acting = [(f"{effect_words(cause.effect)} ({cause.location})", effect_of(cause)) for cause in causes[:MOST_CAUSES]]
     known = [(name, effect) for name, effect in acting if effect is not None]
     if len(known) < 2:
@@ -284,11 +289,11 @@ def similarity(
     without = errors(pieces, ())
     changes = {name: errors(pieces, (effect,)) - without for name, effect in known}
     sizes = {name: float(np.linalg.norm(change)) for name, change in changes.items()}
-    names = [name for name, size in sizes.items() if size > 0 and np.isfinite(size)]
+    names = tuple(name for name, size in sizes.items() if size > 0 and np.isfinite(size))
     if len(names) < 2:
         return None
     unit = np.stack([changes[name] / sizes[name] for name in names])
-    return names, unit @ unit.T
+    return Similarity(names, unit @ unit.T)
 
 
 def effect_of(cause: Cause) -> Effect | None:

@@ -64,7 +64,7 @@ def html(
     lengths = {name: config[name] for name in ("horizon_s", "every_s") if name in config}
     alike = show.similarity(report.causes, logs, robot, **lengths)
     if alike is not None:
-        figures["similarity"] = show.similarities(*alike)
+        figures["similarity"] = show.similarities(alike)
     if report.residual_force:
         log = next(one for one in logs if one.name == report.median_log)
         course = show.residual_force(log, robot, [(), correction] if report.answer else [()])
