@@ -10,8 +10,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from leapgap.reports.diagnosis import PAGE, PageSettings
-from leapgap.reports.kept import kept
-from leapgap.reports.pages import write_pages
+from leapgap.reports.kept import kept, write_pages
 from stages.common import output_folder, read_config, run_stage
 
 STAGE = "stages.report"

@@ -19,7 +19,7 @@ from leapgap.simulation.corrected import write_corrected
 from tests import plain_arm
 from tests.export.schemas import LEARNED, record
 
-pytest.importorskip("lightning")
+pytest.importorskip("onnx")
 torch = pytest.importorskip("torch")
 onnxruntime = pytest.importorskip("onnxruntime")
 STICKY = plain_arm.arm('damping="0.05" frictionloss="0.6"')

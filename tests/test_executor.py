@@ -114,5 +114,5 @@ def test_an_error_reaches_who_asked_and_closing_cancels_the_rest(kind: str) -> N
 
 
 def test_an_unknown_kind_is_told() -> None:
-    with pytest.raises(InputError, match="local, joblib or ray"), Executor("slurm", 1).pool():
-        pass
+    with pytest.raises(InputError, match="local, joblib or ray"):
+        Executor("slurm", 1)

@@ -28,7 +28,7 @@ ONLY_IN = {
     "mujoco_menagerie": {"robot"},
     "rerun": {"reports", "jumping.reports"},
     "torch": {"learning", "jumping.learning"},
-    "lightning": {"learning", "jumping.learning"},
+    "lightning": {"jumping.learning"},
     "onnx": {"learning", "jumping.learning"},
     "onnxruntime": {"learning"},
     "casadi": {"jumping.planning", "jumping.control"},

@@ -23,6 +23,7 @@ from leapgap.logs.log import Log
 from leapgap.logs.map_proposal.report import first_file
 from leapgap.logs.reading import Readings
 from leapgap.reports.diagnosis import ChosenLogs, Report, diagnose_chosen, diagnose_folder
+from leapgap.reports.kept import record_report
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import read_json, sha256
 from leapgap.simulation.corrected import corrected_in, read_corrected
@@ -238,10 +239,3 @@ def hashes_of(source: Logs, name: str) -> list[str]:
     path = Path(source)
     file = path / f"{name}.parquet" if path.is_dir() else path
     return [sha256(file)] if file.is_file() else []
-
-
-def record_report(report: Report, path: Path) -> None:
-    """Write a report as a recording; Rerun is imported only then."""
-    from leapgap.reports import pages
-
-    pages.record_report(report, path)

@@ -334,10 +334,8 @@ def run_actuator_net(chosen: argparse.Namespace) -> None:
     from leapgap.runtime.output_folder import whole_folder
     from leapgap.simulation.corrected import read_corrected
 
-    if find_spec("lightning") is None or find_spec("onnx") is None:
-        raise InputError(
-            "import of lightning", "no such package", "the extra learning", "pip install 'leapgap[learning]'"
-        )
+    if find_spec("torch") is None or find_spec("onnx") is None:
+        raise InputError("import of torch", "no such package", "the extra learning", "pip install 'leapgap[learning]'")
     if not 1e-5 <= chosen.step <= 1.0:
         raise InputError("--step", f"{chosen.step:g} s", "0.00001 to 1 s", "name the physics step of your simulator")
     from leapgap.learning.actuator_network import train_networks

@@ -34,7 +34,7 @@ from leapgap.jumping.task import schedule_of
 from leapgap.logs.log import Log
 from leapgap.logs.reading import read_folder
 from leapgap.logs.row_clock import RowClock, with_clock
-from leapgap.logs.row_clock_estimate import uneven_clocks
+from leapgap.logs.row_clock_estimate import UNEVEN, row_clock
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import whole_file, write_json
 from tests.benchmarks import run_benchmark
@@ -315,6 +315,12 @@ def write_error_by_step(found: ClockComparison, path: Path) -> None:
                 for i, name in enumerate(STATE):
                     label = f"{model}, {kind} clock"
                     writer.writerows([label, name, k + 1, f"{value:.6g}"] for k, value in enumerate(errors[:, i]))
+
+
+def uneven_clocks(logs: Sequence[Log], joints: Sequence[str]) -> dict[str, RowClock]:
+    """Clocks, by the log's name, of the logs whose rows are uneven in a way that their time does not say."""
+    clocks = ((log, row_clock(log, joints)) for log in logs)
+    return {log.name: clock for log, clock in clocks if clock is not None and clock.unevenness(log) > UNEVEN}
 
 
 def cut_by_own_clock(jumps: Sequence[Log], grid: TimeGrid, robot: Robot) -> Windows:

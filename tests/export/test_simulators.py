@@ -20,8 +20,7 @@ from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.report import Cause, ParameterEstimate
 from leapgap.effects.base import Effect
 from leapgap.export import write_exports
-from leapgap.export.base import CorrectedRobot
-from leapgap.export.posterior import SIGMAS, Posterior, posterior_of
+from leapgap.export.base import SIGMAS, CorrectedRobot, Posterior, posterior_of
 from leapgap.robot.model import Robot
 from leapgap.simulation.corrected import write_corrected
 from tests.export import isaac_lab, schemas

@@ -9,8 +9,7 @@ import pytest
 
 from leapgap import effects
 from leapgap.effects.base import Effect
-from leapgap.export.base import CorrectedRobot
-from leapgap.export.posterior import posterior_of
+from leapgap.export.base import CorrectedRobot, posterior_of
 from leapgap.export.urdf import Urdf
 from leapgap.robot.model import Robot
 from tests.plain_simulation import published

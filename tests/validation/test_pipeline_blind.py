@@ -15,8 +15,7 @@ from leapgap import effects
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.reports.diagnosis import diagnose_folder
-from leapgap.reports.kept import KEPT, keep, kept
-from leapgap.reports.pages import write_kept_pages
+from leapgap.reports.kept import KEPT, keep, kept, write_kept_pages
 from leapgap.reports.verdict_jobs import Job, run_jobs
 from leapgap.robot.model import Robot
 from leapgap.runtime.cache import ResultCache
@@ -194,7 +193,7 @@ def test_executors_give_the_same_results_in_order(kind: str) -> None:
 
 def test_an_executor_that_is_not_there_is_told() -> None:
     with pytest.raises(InputError, match="local, joblib or ray"):
-        list(Executor("slurm", 1).map(double, [1]))
+        Executor("slurm", 1)
     try:
         import ray  # noqa: F401
     except ImportError:

@@ -5,15 +5,12 @@ output are those of ``ActuatorNetMLP`` (Isaac Lab) and ``LearnedMlpActuator`` (m
 velocities, each times a scale; the output times a scale is the torque.
 """
 
-import logging
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-import lightning
 import numpy as np
 import onnx
 import torch
@@ -158,24 +155,6 @@ class NetworkErrors:
     network: float
 
 
-class Perceptron(lightning.LightningModule):
-    """A small network that Lightning trains on all rows at once."""
-
-    def __init__(self, inputs: int) -> None:
-        super().__init__()
-        hidden = [nn.Linear(inputs, WIDTH), nn.Softsign(), nn.Linear(WIDTH, WIDTH), nn.Softsign()]
-        self.layers = nn.Sequential(*hidden, nn.Linear(WIDTH, 1))
-
-    def training_step(self, batch: tuple[torch.Tensor, torch.Tensor], _: int) -> torch.Tensor:
-        """Mean squared error of the scaled torque."""
-        return nn.functional.mse_loss(self.layers(batch[0]), batch[1])
-
-    def configure_optimizers(self) -> Any:
-        """Adam, whose rate falls to zero."""
-        adam = torch.optim.Adam(self.parameters(), lr=RATE)
-        return [adam], [torch.optim.lr_scheduler.CosineAnnealingLR(adam, EPOCHS)]
-
-
 @dataclass(frozen=True)
 class ActuatorNetwork:
     """The trained network of one group with its scales."""
@@ -194,27 +173,19 @@ class ActuatorNetwork:
             1 / max(float(np.sqrt((one**2).mean())), 1e-9) for one in (inputs[:, :history], inputs[:, history:], torque)
         )
         scales = np.repeat([position, velocity], history)
-        rows = torch.utils.data.TensorDataset(
-            torch.tensor(inputs * scales, dtype=torch.float32),
-            torch.tensor(torque[:, None] * size, dtype=torch.float32),
-        )
-        for name in ("lightning.pytorch", "lightning.fabric"):
-            logging.getLogger(name).setLevel(logging.ERROR)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            lightning.seed_everything(seed, verbose=False)
-            trainer = lightning.Trainer(
-                max_epochs=EPOCHS,
-                accelerator="cpu",
-                logger=False,
-                enable_checkpointing=False,
-                enable_progress_bar=False,
-                enable_model_summary=False,
-                deterministic=True,
-            )
-            model = Perceptron(inputs.shape[1])
-            trainer.fit(model, torch.utils.data.DataLoader(rows, batch_size=len(rows)))
-        return ActuatorNetwork(model.layers.eval(), history, position, velocity, 1 / size)
+        scaled = torch.tensor(inputs * scales, dtype=torch.float32)
+        wanted = torch.tensor(torque[:, None] * size, dtype=torch.float32)
+        torch.manual_seed(seed)
+        hidden = [nn.Linear(2 * history, WIDTH), nn.Softsign(), nn.Linear(WIDTH, WIDTH), nn.Softsign()]
+        layers = nn.Sequential(*hidden, nn.Linear(WIDTH, 1))
+        adam = torch.optim.Adam(layers.parameters(), lr=RATE)
+        rate = torch.optim.lr_scheduler.CosineAnnealingLR(adam, EPOCHS)
+        for _ in range(EPOCHS):  # all rows at once, with a rate that falls to zero
+            adam.zero_grad()
+            nn.functional.mse_loss(layers(scaled), wanted).backward()
+            adam.step()
+            rate.step()
+        return ActuatorNetwork(layers.eval(), history, position, velocity, 1 / size)
 
     @property
     def scales(self) -> np.ndarray:

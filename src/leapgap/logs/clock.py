@@ -1,4 +1,4 @@
-"""The clock of a log: its time stamps against a stated period, stamps that do not increase, an even clock, joining."""
+"""The clock of a log: its time stamps against a stated period, stamps that do not increase, joining."""
 
 import numpy as np
 
@@ -25,11 +25,6 @@ def increasing_rows(time: np.ndarray) -> np.ndarray:
     """Whether each row is later than all rows before it, bool, (rows,)."""
     latest = np.fmax.accumulate(time)  # no number is later than none
     return np.concatenate([[True], time[1:] > latest[:-1]])
-
-
-def even_clock(time: np.ndarray, period_s: float) -> np.ndarray:
-    """Instants one period apart, from the first row to at most the last."""
-    return time[0] + period_s * np.arange(int(np.floor((time[-1] - time[0]) / period_s + 1e-6)) + 1)
 
 
 def held_at(instants: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from leapgap.logs.clock import even_clock, held_at
+from leapgap.logs.clock import held_at
 from leapgap.logs.files import check_values_fit
 from leapgap.logs.log import Log
 from leapgap.logs.metadata import ROUNDING_S, Segment
@@ -89,10 +89,9 @@ HELD = (*COMMANDS, "contact")  # quantities that keep their value between two ro
 
 def on_even_clock(log: Log, period_s: float) -> Log:
     """The log in rows one period apart; its source says so."""
-    check_values_fit(
-        f"{log.name} in rows of {period_s:g} s", (log.time[-1] - log.time[0]) / period_s * len(log.columns)
-    )
-    instants = even_clock(log.time, period_s)
+    periods = (log.time[-1] - log.time[0]) / period_s
+    check_values_fit(f"{log.name} in rows of {period_s:g} s", periods * len(log.columns))
+    instants = log.time[0] + period_s * np.arange(int(np.floor(periods + 1e-6)) + 1)
     columns: dict[str, np.ndarray] = {}
     for name, values in log.columns.items():
         at = held_at if name.partition("/")[0] in HELD else np.interp

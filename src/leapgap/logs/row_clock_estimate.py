@@ -232,12 +232,6 @@ def row_clock(log: Log, joints: Sequence[str]) -> RowClock | None:
     return noisy_clock(log, telling) or clock
 
 
-def uneven_clocks(logs: Sequence[Log], joints: Sequence[str]) -> dict[str, RowClock]:
-    """Clocks, by the log's name, of the logs whose rows are uneven in a way that their time does not say."""
-    clocks = ((log, row_clock(log, joints)) for log in logs)
-    return {log.name: clock for log, clock in clocks if clock is not None and clock.unevenness(log) > UNEVEN}
-
-
 def clock_of_whole_rows(log: Log, streams: Sequence[Stream]) -> RowClock | None:
     """The clock of a log whose rows are sampled at once: rows of one length, unless the joints agree that they are not.
 

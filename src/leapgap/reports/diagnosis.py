@@ -14,8 +14,7 @@ from leapgap.diagnosis.settings import Settings
 from leapgap.effects.base import Effect
 from leapgap.errors import InputError
 from leapgap.export import write_exports
-from leapgap.export.base import CorrectedRobot
-from leapgap.export.posterior import Posterior, posterior_of
+from leapgap.export.base import CorrectedRobot, Posterior, posterior_of
 from leapgap.logs.cutting import at_least_two, choose_stretches
 from leapgap.logs.log import Log
 from leapgap.logs.reach import without_false_stops

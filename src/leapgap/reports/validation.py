@@ -10,9 +10,8 @@ from typing import Any
 import plotly.graph_objects as go
 
 from leapgap.diagnosis.report import round_floats
-from leapgap.reports.kept import KEPT
+from leapgap.reports.kept import KEPT, write_kept_pages
 from leapgap.reports.page import CORRECTED, GREY, NOMINAL, embed_figure, heat_map, render_text
-from leapgap.reports.pages import write_kept_pages
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import write_json, write_metrics, write_text
 from leapgap.runtime.output_folder import whole_folder

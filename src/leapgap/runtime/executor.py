@@ -95,7 +95,9 @@ class Executor:
     address: str | None = None  # address of the Ray cluster; None starts one on this machine
 
     def __post_init__(self) -> None:
-        """Refuse a number of processes that means nothing; −1 is one for each core, as joblib has it."""
+        """Refuse an unknown kind, and a number of processes that means nothing; −1 is one for each core, as joblib."""
+        if self.kind not in ("local", "joblib", "ray"):
+            raise InputError("executor.kind", self.kind, "local, joblib or ray", "choose one: executor=joblib")
         if self.workers < 1 and self.workers != -1:
             raise ValueError(f"workers {self.workers}: 1 or more, or -1 for all cores")
 
@@ -114,18 +116,14 @@ class Executor:
                 )
                 results = parallel(joblib.delayed(function)(item) for item in items)
             yield from results
-        elif self.kind == "ray":
+        else:
             ray = self._ray()
             remote = ray.remote(num_cpus=1)(_apply)  # Ray takes functions alone, and a case may be a partial one
             yield from map(ray.get, [remote.remote(function, item) for item in items])
-        else:
-            raise self._unknown
 
     @contextmanager
     def pool(self) -> Iterator[JobPool]:
         """Workers for several threads at once, which end with this block; without processes, one job at a time."""
-        if self.kind not in ("local", "joblib", "ray"):
-            raise self._unknown
         workers = (os.cpu_count() or 1) if self.workers == -1 else self.workers
         processes: ProcessPoolExecutor | None = None
         run: Run = _apply
@@ -150,10 +148,6 @@ class Executor:
             pool.close()
             if processes is not None:
                 processes.shutdown(cancel_futures=True)
-
-    @property
-    def _unknown(self) -> InputError:
-        return InputError("executor.kind", self.kind, "local, joblib or ray", "choose one: executor=joblib")
 
     def _on_ray(self) -> tuple[Run, int]:
         """How a job runs on the cluster, and how many do at once."""

@@ -15,6 +15,7 @@ from leapgap.effects.contacts import foot_geoms
 from leapgap.errors import InputError
 from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_POSITION
+from leapgap.registry import subclasses
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 from leapgap.simulation.presets import BentCalf
@@ -391,24 +392,8 @@ class PacketLoss(OffTableEffect):
         return commands.each(lambda sent: sent[last_received])
 
 
-FAMILIES: dict[str, type[OffTableEffect] | type[BentCalf]] = {
-    kind.name: kind
-    for kind in (
-        Backlash,
-        BentCalf,
-        CableSpring,
-        Cogging,
-        Crosstalk,
-        DeadBand,
-        LooseBattery,
-        PacketLoss,
-        SloshingPayload,
-        StickyFloor,
-        Tether,
-        TiltedImu,
-        Wind,
-    )
-}
+KINDS: list[type[OffTableEffect] | type[BentCalf]] = [*subclasses(OffTableEffect), BentCalf]
+FAMILIES = {kind.name: kind for kind in sorted(KINDS, key=lambda kind: kind.name)}
 """All off-table effects by name, in alphabetical order; the bent calf is in ``leapgap.simulation.presets``."""
 
 

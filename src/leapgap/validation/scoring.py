@@ -254,7 +254,6 @@ def limit_of(cases: Sequence[tuple[float, bool]]) -> dict[str, Any]:
     return {
         "limit_floors": limit,
         "cases": [{"change_floors": size, "found": found} for size, found in cases],
-        "agree": right[best] / len(cases),
     }
 
 

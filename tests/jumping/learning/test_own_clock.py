@@ -13,7 +13,6 @@ from leapgap.jumping.learning.model import Model, Nominal
 from leapgap.jumping.learning.models.nominal import NominalModel
 from leapgap.jumping.learning.windows import ARRAYS, TimeGrid, Windows
 from leapgap.logs.row_clock import RowClock
-from leapgap.logs.row_clock_estimate import uneven_clocks
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import read_json
 from stages.train import train
@@ -130,7 +129,7 @@ def test_expected_lengths_of_steps_are_those_of_the_other_jumps(jumps, own):
 
 def test_an_even_log_has_the_same_windows_by_either_clock(robot, tmp_path):
     log = plain_jump("even", seed=1, uneven=False).log
-    assert uneven_clocks([log], robot.joints) == {}
+    assert clock_comparison.uneven_clocks([log], robot.joints) == {}
     windows.write(window_extraction.cut([log], TimeGrid(), robot), tmp_path)
     with np.load(tmp_path / "windows.npz") as archive:
         assert "step_s" not in archive.files  # files of even logs are as they always were

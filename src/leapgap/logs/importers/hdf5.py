@@ -3,7 +3,7 @@
 import math
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -127,14 +127,9 @@ class Mat(TableFormat):
         else:
             check_size(path, path.stat().st_size / 8)
         variables = loadmat(path, squeeze_me=True, struct_as_record=False)
-        found = flat(variables, inside, path)
+        found = flat(variables, path)
         numbers = {name: np.asarray(one) for name, one in found.items() if isinstance(one, np.ndarray | int | float)}
         return {name: array for name, array in numbers.items() if array.dtype.kind in "biuf" and wanted(name)}
-
-
-def inside(value: Any) -> Mapping[str, Any] | None:
-    """What ``flat`` goes into: the variables, and structures."""
-    return vars(value) if hasattr(value, "_fieldnames") else value if isinstance(value, dict) else None
 
 
 def check_elements(path: Path) -> None:

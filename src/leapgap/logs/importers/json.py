@@ -59,13 +59,13 @@ def columns_of(held: Any, path: Path) -> dict[str, list[Any]]:
         if len(lists) == 1:
             held = lists[0]
     if isinstance(held, Mapping):
-        return {name: one for name, one in flat(held, objects, path).items() if isinstance(one, list)}
+        return {name: one for name, one in flat(held, path).items() if isinstance(one, list)}
     if not isinstance(held, list) or not held or not isinstance(held[0], Mapping):
         raise InputError(path, "neither records nor columns", "a list of objects, or an object of lists", "export it")
-    names = list(flat(held[0], inside, path))
+    names = list(flat(held[0], path, is_of_objects))
     columns: dict[str, list[Any]] = {name: [] for name in names}
     for row, record in enumerate(held):
-        values = flat(record, inside, path) if isinstance(record, Mapping) else {}
+        values = flat(record, path, is_of_objects) if isinstance(record, Mapping) else {}
         lacking = next((name for name in names if name not in values), None)
         if lacking is not None:
             raise InputError(f"{path}, record {row}", f"no {lacking}", "the keys of record 0", "export it again")
@@ -74,15 +74,9 @@ def columns_of(held: Any, path: Path) -> dict[str, list[Any]]:
     return columns
 
 
-def objects(value: Any) -> Mapping[Any, Any] | None:
-    """What ``flat`` goes into: an object."""
-    return value if isinstance(value, Mapping) else None
-
-
-def inside(value: Any) -> Mapping[Any, Any] | None:
-    """The same in a record, and a list of objects there by their numbers: ``motors.0.q``."""
-    is_list = isinstance(value, list) and len(value) > 0 and all(isinstance(one, Mapping) for one in value)
-    return dict(enumerate(value)) if is_list else objects(value)
+def is_of_objects(value: Any) -> bool:
+    """Whether a list holds objects alone, which are there by their numbers: ``motors.0.q``."""
+    return len(value) > 0 and all(isinstance(one, Mapping) for one in value)
 
 
 def as_array(values: list[Any], where: str) -> np.ndarray:

@@ -4,7 +4,7 @@ import io
 import math
 import pickle
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -81,13 +81,8 @@ class Pt(TableFormat):
         """The tensors of a file by name; in mappings of mappings the names are joined by dots."""
         with zipfile.ZipFile(path) as folder:
             saved = Archive(path, folder).load()
-        found = {"array": saved} if isinstance(saved, np.ndarray) else flat(saved, inside, path)
+        found = {"array": saved} if isinstance(saved, np.ndarray) else flat(saved, path, lambda _: True)
         return {name: array for name, array in found.items() if isinstance(array, np.ndarray) and wanted(name)}
-
-
-def inside(value: Any) -> Mapping[Any, Any] | None:
-    """What ``flat`` goes into: a mapping, or a list by its numbers."""
-    return dict(enumerate(value)) if isinstance(value, list | tuple) else value if isinstance(value, dict) else None
 
 
 class Fixed:

@@ -127,8 +127,17 @@ def as_numbers(values: np.ndarray, where: str) -> np.ndarray:
     return numbers
 
 
-def flat(held: Any, inside: Callable[[Any], Mapping[Any, Any] | None], path: object) -> dict[str, Any]:
-    """What nested mappings hold, by names joined by dots: ``outer.inner``; ``inside`` says which values are such."""
+def flat(held: Any, path: object, numbered: Callable[[Any], bool] = lambda _: False) -> dict[str, Any]:
+    """What nested mappings hold, by names joined by dots: ``outer.inner``; of structures of MATLAB their fields.
+
+    Lists are there by their numbers, ``motors.0.q``, where they are such as are ``numbered``.
+    """
+
+    def inside(value: Any) -> Mapping[Any, Any] | None:
+        if isinstance(value, list | tuple) and numbered(value):
+            return dict(enumerate(value))
+        return value if isinstance(value, Mapping) else vars(value) if hasattr(value, "_fieldnames") else None
+
     found: dict[str, Any] = {}
     left = [("", held, 0)]
     while left:

@@ -132,9 +132,29 @@ ASKED = "?"  # stands for a unit that has to be stated; no import takes it
 
 
 @dataclass
-class Proposal:
-    """A map that becomes options of an import when a person passes it."""
+class Draft:
+    """A map in the making, with the table as read so far: values in our order of joints, in units that were found.
 
+    Its ``options`` become those of an import when a person passes them.
+    """
+
+    table: Table
+    robot: Robot
+    stated: Mapping[str, Any]
+    """What the files say of themselves: ``period_s`` of the rows, ``unit`` of the positions."""
+    instants: np.ndarray | None = None  # clock in its own unit, (rows,), and the units it may be in, likeliest first
+    time_units: Sequence[str] = ()
+    time: np.ndarray | None = None  # the same in s, by the unit that was chosen
+    time_known: str = GUESSED
+    values: dict[str, np.ndarray] = field(default_factory=dict)  # quantity → (rows, joints), SI, as far as known
+    order: Sequence[str] = ()  # the robot's joints in the order of columns that name none
+    order_words: str = ""
+    their_joints: list[str] | None = None  # what the first family calls our joints, in our order: their ``*``
+    named: set[str] = field(default_factory=set)  # quantities whose columns name the robot's joints
+    unplaced: set[str] = field(default_factory=set)  # quantities with columns of which nobody can say whose each is
+    position_unit: str = "rad"
+    certainty: str = GUESSED  # how sure that unit is: what follows from it is no surer
+    torque_alone: bool = False  # whether torques that were sent explain the measured ones: no joint PD beside
     options: dict[str, Any] = field(default_factory=dict)
     notes: list[tuple[str, str]] = field(default_factory=list)  # how a part of the map is known, and a sentence
 
@@ -162,29 +182,6 @@ class Proposal:
     def notes_of(self, kind: str) -> list[str]:
         """The sentences of one kind."""
         return [sentence for one, sentence in self.notes if one == kind]
-
-
-@dataclass(kw_only=True)
-class Draft(Proposal):
-    """A map in the making, with the table as read so far: values in our order of joints, in units that were found."""
-
-    table: Table
-    robot: Robot
-    stated: Mapping[str, Any] = field(default_factory=dict)
-    """What the files say of themselves: ``period_s`` of the rows, ``unit`` of the positions."""
-    instants: np.ndarray | None = None  # clock in its own unit, (rows,), and the units it may be in, likeliest first
-    time_units: Sequence[str] = ()
-    time: np.ndarray | None = None  # the same in s, by the unit that was chosen
-    time_known: str = GUESSED
-    values: dict[str, np.ndarray] = field(default_factory=dict)  # quantity → (rows, joints), SI, as far as known
-    order: Sequence[str] = ()  # the robot's joints in the order of columns that name none
-    order_words: str = ""
-    their_joints: list[str] | None = None  # what the first family calls our joints, in our order: their ``*``
-    named: set[str] = field(default_factory=set)  # quantities whose columns name the robot's joints
-    unplaced: set[str] = field(default_factory=set)  # quantities with columns of which nobody can say whose each is
-    position_unit: str = "rad"
-    certainty: str = GUESSED  # how sure that unit is: what follows from it is no surer
-    torque_alone: bool = False  # whether torques that were sent explain the measured ones: no joint PD beside
 
     def leave_out(self, quantity: str, sentence: str) -> None:
         """Take a quantity out of the map and out of what is known of the table, and say so."""

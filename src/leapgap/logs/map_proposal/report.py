@@ -13,7 +13,7 @@ from leapgap.logs.files import check_file, check_folder, check_tree, decoding
 from leapgap.logs.importers import formats, log_format
 from leapgap.logs.importers.csv import opened
 from leapgap.logs.importers.table_format import TableFormat
-from leapgap.logs.map_proposal.evidence import ABSENT, GUESSED, MISSING, SURE, UNUSED, Proposal
+from leapgap.logs.map_proposal.evidence import ABSENT, GUESSED, MISSING, SURE, UNUSED, Draft
 from leapgap.logs.map_proposal.table_map import propose
 from leapgap.robot.model import Robot
 
@@ -40,7 +40,7 @@ LONGEST_LINE = 1_000_000  # bytes of the first lines that are looked at
 class ProposedMap:
     """A proposal for the logs of one format, and the file that it was made from."""
 
-    proposal: Proposal
+    proposal: Draft
     format: str
     path: Path
 

@@ -17,7 +17,6 @@ from leapgap.logs.map_proposal.evidence import (
     SURE,
     UNUSED,
     Draft,
-    Proposal,
     correlations,
     factors,
 )
@@ -215,13 +214,13 @@ NUMBER = re.compile(r"\d+")
 MOST_NAMED = 20  # unused columns that are named
 
 
-def propose(table: Table, robot: Robot, stated: Mapping[str, Any]) -> Proposal:
+def propose(table: Table, robot: Robot, stated: Mapping[str, Any]) -> Draft:
     """The map of a table to the columns of a log of this robot; ``stated`` is what the files say of themselves."""
-    draft = Draft(table=table, robot=robot, stated=stated)
+    draft = Draft(table, robot, stated)
     columns = [column for column in table.columns if is_numeric(table, column)]
     if {"time", *(f"joint_pos/{joint}" for joint in robot.joints)} <= set(columns):
         draft.say(GUESSED, "columns that have the names of leapgap are taken as they are, in SI units")
-        return Proposal(draft.options, draft.notes)
+        return draft
     find_time(columns, draft)
     found = families(columns, robot.joints, motors=len(robot.driven_joints))
     chosen = choose(with_tied(found, draft), robot)
@@ -236,7 +235,7 @@ def propose(table: Table, robot: Robot, stated: Mapping[str, Any]) -> Proposal:
     if robot.has_free_base:
         find_base(columns, draft)
     tell_unused(columns, table, robot, draft)
-    return Proposal(draft.options, draft.notes)
+    return draft
 
 
 def tell_unused(columns: Sequence[str], table: Table, robot: Robot, draft: Draft) -> None:
