@@ -24,6 +24,7 @@ LEVELS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # Standard deviations of the force wi
 
 BARELY = 5e-4
 """Depth of a foot in the ground, or distance from it, at which errors of sensors decide whether it touches, m."""
+ALIKE_S = 0.021  # Two intervals of one length that last no longer than this together may share their derivatives
 FOLLOWING = 0.3  # Level of the force at which references follow the logs
 WRONG_ZERO_RAD = 0.05  # Zeros of joint sensors that are far off
 
@@ -355,9 +356,10 @@ def linearise(
     """Intervals whose references follow the logs, and the linearisation about them, by an extended Kalman filter.
 
     Derivatives are by long steps of the simulation, whose error cancels in a difference. Where a foot meets the ground
-    or leaves it, short ones take their place. ``wrong_zero``, rad, is the standard deviation of zeros of joint sensors
-    while a log is followed: feet that are reported in the air, or deep in the ground, would else have no contact to
-    linearise about. No zero is counted where sets are judged.
+    or leaves it, short ones take their place; elsewhere every second of short intervals has those of the one before.
+    ``wrong_zero``, rad, is the standard deviation of zeros of joint sensors while a log is followed: feet that are
+    reported in the air, or deep in the ground, would else have no contact to linearise about. No zero is counted where
+    sets are judged.
     """
     short = intervals.by_short_steps
     with ExitStack() as stack:
@@ -389,17 +391,25 @@ def linearised_along(
     seen[np.searchsorted(entries, zeros), of_zeros] = 1
     gains = np.zeros((len(chunks.log), chunks.longest, size, len(entries)))
     found = [[np.zeros((own.intervals, n, columns)) for own in intervals.courses] for columns in (n, nv, n)]
+    anew = np.zeros(len(chunks.log), bool)  # Chunks whose last interval has derivatives of its own that may serve again
+    are_short = 2 * intervals.interval_s <= ALIKE_S
     for k in range(chunks.longest):
         order = following.chunks_at(k)
+        places = chunks.places(k, order)
         force = following.force[order] * units
         close, base, by_steps = following.meet(k, order, force)
         full, bent = np.zeros((len(order), size, size)), np.zeros((len(order), n, n))
         stay = following.stay[order, k, None]
         full[:, of_force, of_force] = stay
         full[:, of_zeros, of_zeros] = 1
+        like_before = anew[order] & ~close & (stay[:, 0] == following.stay[order, k - 1])
+        anew[order] = ~like_before & ~close & are_short
+        for at in np.flatnonzero(like_before):
+            log, interval = places[at]
+            full[at, :n, :n], full[at, :n, n : n + nv], bent[at] = (of[log][interval - 1] for of in found)
         roots = root_of_states(covariance[order], n + nv)
         for short, by in enumerate(rough):
-            own = np.flatnonzero(close == bool(short))
+            own = np.flatnonzero((close == bool(short)) & ~like_before)
             if len(own):
                 displacements = Displacements(roots[own], units)
                 states = Motion.of_states(following.state[order[own]], robot.model.nq)
@@ -420,7 +430,7 @@ def linearised_along(
         gains[order, k] = gain
         covariance[order] = 0.5 * (spread + spread.transpose(0, 2, 1))
         following.correct(k, order, base, gain)
-        for c, (log, interval) in enumerate(chunks.places(k, order)):
+        for c, (log, interval) in enumerate(places):
             for of, own in zip(found, (full[c, :n, :n], full[c, :n, n : n + nv], bent[c]), strict=True):
                 of[log][interval] = own
     transitions, responses, errors = (tuple(of) for of in found)
