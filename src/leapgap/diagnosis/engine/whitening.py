@@ -356,7 +356,8 @@ def linearise(
     """Intervals whose references follow the logs, and the linearisation about them, by an extended Kalman filter.
 
     Derivatives are by long steps of the simulation, whose error cancels in a difference. Where a foot meets the ground
-    or leaves it, short ones take their place; elsewhere every second of short intervals has those of the one before.
+    or leaves it, short ones take their place; elsewhere every second of short intervals has those of the one before, if
+    the robot stands on feet: for that of a held one, whose joints turn round under dry friction, they change too much.
     ``wrong_zero``, rad, is the standard deviation of zeros of joint sensors while a log is followed: feet that are
     reported in the air, or deep in the ground, would else have no contact to linearise about. No zero is counted where
     sets are judged.
@@ -392,7 +393,7 @@ def linearised_along(
     gains = np.zeros((len(chunks.log), chunks.longest, size, len(entries)))
     found = [[np.zeros((own.intervals, n, columns)) for own in intervals.courses] for columns in (n, nv, n)]
     anew = np.zeros(len(chunks.log), bool)  # Chunks whose last interval has derivatives of its own that may serve again
-    are_short = 2 * intervals.interval_s <= ALIKE_S
+    share = robot.stands and 2 * intervals.interval_s <= ALIKE_S
     for k in range(chunks.longest):
         order = following.chunks_at(k)
         places = chunks.places(k, order)
@@ -403,7 +404,7 @@ def linearised_along(
         full[:, of_force, of_force] = stay
         full[:, of_zeros, of_zeros] = 1
         like_before = anew[order] & ~close & (stay[:, 0] == following.stay[order, k - 1])
-        anew[order] = ~like_before & ~close & are_short
+        anew[order] = ~like_before & ~close & share
         for at in np.flatnonzero(like_before):
             log, interval = places[at]
             full[at, :n, :n], full[at, :n, n : n + nv], bent[at] = (of[log][interval - 1] for of in found)
