@@ -12,7 +12,9 @@ from leapgap.diagnosis.engine.intervals import Course, Intervals
 from leapgap.diagnosis.engine.points import Bench
 from leapgap.diagnosis.engine.responses import Columns, late_feedback
 from leapgap.diagnosis.engine.search import Search
+from leapgap.diagnosis.engine.verdict import looked_around
 from leapgap.diagnosis.engine.whitening import Chunks, linearise
+from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.settings import TOLERANCES
@@ -117,7 +119,8 @@ def test_a_slope_is_a_turned_frame_and_gravity_that_is_turned_back(
     )
 
 
-def test_a_wrong_zero_changes_nothing_of_what_is_reported_in_the_air() -> None:
+@pytest.mark.parametrize("exactly", [True, False])
+def test_a_wrong_zero_changes_nothing_of_what_is_reported_in_the_air(exactly: bool) -> None:
     """The joint PD holds the reported angle, whatever the true one is: only weight and contacts tell them apart."""
     robot = Robot.load(A1)
     judged = JudgedLogs.of([quadruped_jump(0, [])], robot, {})
@@ -127,7 +130,7 @@ def test_a_wrong_zero_changes_nothing_of_what_is_reported_in_the_air() -> None:
     own, size = nominal.intervals.courses[0], 0.002
     zeros = [h for h in hypotheses if h.location in ("FR_thigh", "RL_calf")]
     sets = [(), *(((h, np.array([size])),) for h in zeros)]
-    steps, _ = bench.missed_by(nominal.intervals, nominal.basis, sets)
+    steps, _ = bench.missed_by(nominal.intervals, nominal.basis, sets, exactly)
     missed = steps[bench.chunks.valid]
     model = mujoco.MjModel.from_xml_path(str(A1))
     data, touches = mujoco.MjData(model), []
@@ -168,3 +171,21 @@ def test_commands_that_reach_one_leg_late_are_found_far_from_nominal() -> None:
     h, numbers = search.far(start.point, ("all", "RR"))[0][1]
     assert h.label == "command_delay at RR"
     assert numbers == pytest.approx([0.01], rel=0.3)
+
+
+def test_numbers_that_settled_elsewhere_come_back_where_evidence_and_whole_logs_are_better() -> None:
+    """By plain MuJoCo with a lag of 8 ms, from a lag a quarter too long."""
+    robot, lag_s = Robot.load(A1), 0.008
+    judged = JudgedLogs.of([quadruped_jump(log, [], lag_s=lag_s) for log in range(2)], robot, {})
+    bench = Bench(list_hypotheses(["motor_lag"], robot, None), TOLERANCES, judged.states, Replayer(robot, 1, 1))
+    search, rng = Search(bench, np.arange(2), lambda _: None), np.random.default_rng(0)
+    gap = HeldOutGap.of(judged, bench.replayer, 2, 1, 100, rng)
+    (h,) = (one for one in bench.hypotheses if one.location == "all")
+    elsewhere = np.array([1.25 * lag_s])
+    found = search.moved(bench.nominal(), ((h, elsewhere),))
+    found = replace(found, numbers=elsewhere, fold_numbers=np.tile(elsewhere, (2, 1)))
+    better = looked_around(search, found, gap)
+    assert better.numbers == pytest.approx([lag_s], rel=0.05)
+    assert better.evidence > found.evidence
+    again = looked_around(search, better, gap)
+    assert again.evidence >= better.evidence and again.numbers == pytest.approx([lag_s], rel=0.05)

@@ -37,7 +37,7 @@ DIVERGED = 1e4
 SEGMENT, LEAST_SEGMENT = 64, 16  # Largest number of intervals of a segment, and the smallest of many logs
 MOST_S, MOST_WITH_FEET_S = 12.0, 6.0
 """About how much is kept of all logs together, s; replays of a robot with feet take longer."""
-LONG = 1.25  # Intervals of more steps than this many times the usual number are replayed apart
+LONG = 1.25  # Intervals of more steps than this many times those of the shortest are replayed apart
 MEMORY = 4
 """Number of intervals that a replay with states of its own (a lag, an elastic gear) lasts after its first one."""
 
@@ -507,9 +507,11 @@ def roll(
     pool = pool or Pool(models[0], 1)
     until = np.concatenate([own.steps[which] for own, which in parts])
     lasts, ended = until[:, -1], np.zeros((*until.shape, full.shape[1]))
-    short = lasts <= LONG * np.median(lasts)  # a row may last many times as long as the others
-    for chosen in filter(np.any, (short, ~short)):
+    left = np.ones(len(lasts), bool)
+    while left.any():  # those of a length together: short steps, or a long row, are many times as many
+        chosen = left & (lasts <= LONG * lasts[left].min())
         which, sent = np.flatnonzero(chosen), controls[chosen, : lasts[chosen].max()]
+        left &= ~chosen
         with without_warnings():
             out, _ = pool.threads.rollout([models[k] for k in which], pool.data, full[which], sent, control_spec=spec)
         ended[which] = out[np.arange(len(which))[:, None], until[which] - 1]

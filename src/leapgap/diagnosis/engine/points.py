@@ -317,7 +317,7 @@ class Bench:
         """The intervals of a robot with other effects, with references that follow the logs."""
         here = replace(intervals, acting=tuple(on_logs(intervals, acting)))
         offsets = here.remembered(basis.linearisation.transitions)
-        return follow(here, Chunks.of(here), offsets, basis.linearisation)
+        return follow(here, Chunks.of(here), offsets, basis.linearisation).result
 
     def far(self, near: Point, looked: Sequence[str]) -> Iterator[tuple[list[tuple[Hypothesis, np.ndarray]], Whitened]]:
         """What further effects in the drives do far from nominal beside those of a point: numbers, and a column each.
@@ -361,11 +361,12 @@ class Bench:
     def glances(self, near: Point, sets: Sequence[Acting], levels: np.ndarray | None = None) -> list[float]:
         """Evidence of robots with some effects at just these numbers, nats, without columns of their effects.
 
-        They are followed side by side; each block at its best level, or at ``levels`` if these are given.
+        They are followed side by side; each block at its best level, or, exactly, at ``levels`` if these are given.
         """
         if not sets:
             return []
-        errors, basis = self.errors_of(near.intervals, near.basis, sets), near.basis
+        exactly = levels is not None
+        errors, basis = self.errors_of(near.intervals, near.basis, sets, exactly), near.basis
         points = Evidence.of_each_error(basis.blocks, errors, basis.of_nuisances, basis.products)
         priors = basis.deviation, np.zeros(len(basis.deviation))
         if levels is not None:
@@ -392,7 +393,8 @@ class Bench:
                 sets.append((*acting[:m], (h, changed), *acting[m + 1 :]))
                 sizes.append(size)
         if self.robot.stands:
-            return Point.of(acting, here, basis, errors, self.by_following(here, basis, errors, sets, sizes))
+            pairs = zip(errors, self.errors_of(here, basis, sets), strict=True)
+            return Point.of(acting, here, basis, errors, [(own - others) / sizes for own, others in pairs])
         changes = here.changes([on_logs(here, own) for own in sets], basis.linearisation.transitions)
         slopes = [
             np.stack([change[log] / size for change, size in zip(changes, sizes, strict=True)], axis=2)
@@ -401,19 +403,11 @@ class Bench:
         stacked = Chunks.of(here).stack(slopes)
         return Point.of(acting, here, basis, errors, [-of.whiten(stacked) for of in basis.filters])
 
-    def by_following(
-        self, here: Intervals, basis: Basis, errors: Whitened, sets: Sequence[Acting], sizes: Sequence[float]
-    ) -> Whitened:
-        """Columns of sets in place of those that act, which depart in one number by a size each.
-
-        By references that follow the logs anew: contacts of feet are far from linear in where these are.
-        """
-        return [(own - other) / sizes for own, other in zip(errors, self.errors_of(here, basis, sets), strict=True)]
-
-    def errors_of(self, near: Intervals, basis: Basis, sets: Sequence[Acting]) -> Whitened:
+    def errors_of(self, near: Intervals, basis: Basis, sets: Sequence[Acting], exactly: bool = True) -> Whitened:
         """Whitened errors of robots with other effects, one column each, by references that follow the logs.
 
-        Those with models of equal structure are followed side by side, as if each had logs of its own.
+        Contacts of feet are far from linear in where these are. Those with models of equal structure are followed side
+        by side, as if each had logs of its own; ``exactly`` as in ``missed_by``.
         """
         chunks = Chunks.of(near)
         alike: dict[Hashable, list[int]] = {}
@@ -425,11 +419,17 @@ class Bench:
             for channels in (2 * self.robot.model.nv, len(near.channels.state_entries))
         )
         for at in alike.values():
-            steps[..., at], measured[..., at] = self.missed_by(near, basis, [sets[k] for k in at])
+            steps[..., at], measured[..., at] = self.missed_by(near, basis, [sets[k] for k in at], exactly)
         return [own.whiten(steps, measured) for own in basis.filters]
 
-    def missed_by(self, near: Intervals, basis: Basis, sets: Sequence[Acting]) -> tuple[np.ndarray, np.ndarray]:
-        """What steps miss, and what is measured of the references, of each set, (chunks, longest, …, sets)."""
+    def missed_by(
+        self, near: Intervals, basis: Basis, sets: Sequence[Acting], exactly: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What steps miss, and what is measured of the references, of each set, (chunks, longest, …, sets).
+
+        ``exactly``: by replays without the force, beside those that follow the logs; else by these alone, less what the
+        force does by its linearisation, which is enough to compare sets at a glance.
+        """
         of, count = basis.linearisation, len(sets)
         acting = tuple(effects for own in sets for effects in on_logs(near, own))
         many = replace(near, courses=near.courses * count, acting=acting, residual=None)
@@ -437,10 +437,11 @@ class Bench:
             of.transitions * count, of.forces * count, of.missed * count, of.units, np.tile(of.gains, (count, 1, 1, 1))
         )
         chunks = Chunks.of(many)
-        many = follow(many, chunks, many.remembered(side.transitions), side)
+        followed = follow(many, chunks, many.remembered(side.transitions), side)
+        many = followed.result
+        missed = many.defects(side.transitions) if exactly else followed.missed(side)
         steps, measured = (
-            np.moveaxis(np.array(np.split(chunks.stack(own), count)), 0, -1)
-            for own in (many.defects(side.transitions), many.innovations())
+            np.moveaxis(np.array(np.split(chunks.stack(own), count)), 0, -1) for own in (missed, many.innovations())
         )
         return steps, measured
 
@@ -461,10 +462,10 @@ class Bench:
             sizes.append(size)
         if not at:
             return basis
-        columns = self.by_following(here, basis, self.errors(here, basis), sets, sizes)
         whitened = [own.copy() for own in basis.whitened]
-        for own, new in zip(whitened, columns, strict=True):
-            own[..., at] = new
+        errors = self.errors_of(here, basis, [acting, *sets], exactly=False)
+        for columns, own in zip(whitened, errors, strict=True):
+            columns[..., at] = (own[..., :1] - own[..., 1:]) / sizes
         return replace(basis, whitened=whitened)
 
     def by_place(self, basis: Basis, acting: Acting, effect: str) -> dict[Hypothesis, np.ndarray]:

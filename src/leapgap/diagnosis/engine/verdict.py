@@ -12,8 +12,9 @@ closes nothing of a gap is none (on feet: surely nothing); where u is large, one
 A number at the end of its range is never named.
 """
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -34,6 +35,7 @@ LEAST_CLOSURE = 0.01  # Share of the gap that a set, and each member of it, has 
 SURE = 0.95  # Share of the resamples of logs in which numbers by whole logs have to leave less
 FOLLOWED_S = 6 * CORRELATION_S  # Time after a push in which a filter without a force has still to follow, s
 APART = LEAST_GAIN  # Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀
+AROUND = (0.8, 0.85, 0.9, 0.95, 1.05, 1.1, 1.15, 1.2)  # Shares of a departure from nominal that are tried in its place
 HALF = 0.5
 """A set that leaves a larger share without a name is no answer: of the evidence, and of the gap of whole logs too where
 the robot stands on no feet."""
@@ -137,7 +139,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
     exact = gap.by_exact_steps if found.members and not asks_of_steps else gap
     found = without_immaterial(search, start, found, exact)
     if on_feet:
-        found = without_outweighed(search, found)
+        found = looked_around(search, without_outweighed(search, found), gap)
     blocks = len(found.point.evidence.levels)
     u, before = found.unnamed, start.unnamed
     nominal = nominal_candidate(int(gap.folds.max()) + 1)
@@ -312,6 +314,30 @@ def without_outweighed(search: Search, found: Found) -> Found:
         search.progress(f"without {found.members[least].label}, worth less than what stays without a name")
         found = search.settle(found.with_members([m for m in members if m != least]))
     return found
+
+
+def looked_around(search: Search, found: Found, gap: HeldOutGap) -> Found:
+    """The set of a robot with feet with a number further off, where whole logs, and by ``APART`` evidence, are better.
+
+    Both are rough in what contacts do, so that numbers settle where they are the best near by alone, each elsewhere.
+    """
+    nominal = np.concatenate([np.zeros(0), *(h.nominal for h in found.members)])
+    others = []
+    for k, by in itertools.product(range(len(found.numbers)), AROUND):
+        numbers = found.numbers.copy()
+        numbers[k] = nominal[k] + by * (numbers[k] - nominal[k])
+        others.append(replace(found, numbers=numbers, fold_numbers=found.fold_numbers + numbers - found.numbers))
+    if not others:
+        return found
+    here, *squares = (own.sum() for own in gap.squares([candidate_of(one) for one in (found, *others)]))
+    likely = [one for one, own in zip(others, squares, strict=True) if own < here]
+    base, *evidence = search.bench.glances(
+        found.point, [one.acting for one in (found, *likely)], found.point.evidence.levels
+    )
+    if max(evidence, default=base) <= base + APART:
+        return found
+    better = search.moved(found.point, likely[int(np.argmax(evidence))].acting)
+    return better if better.evidence > found.evidence else found
 
 
 def single_effects(search: Search, start: Found, found: Found) -> list[tuple[Candidate, float]]:

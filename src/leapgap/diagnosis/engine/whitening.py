@@ -280,6 +280,8 @@ class Following:
         self.state = np.array([own.courses[log].start_states[first] for log, first in at])
         self.force = np.zeros((len(chunks.log), self.nv))
         self.forces: list[np.ndarray] = []
+        # How states were moved at the end of each interval, and the force in it (units), (intervals, 3 nv) a log
+        self.steps = [np.zeros((c.intervals, 3 * self.nv)) for c in own.courses]
         self.zeros = np.zeros((len(chunks.log), len(zero_entries(own))))
         self.stay = staying(own, chunks)
 
@@ -324,6 +326,7 @@ class Following:
         missed = tangent_difference(measured, base, own.robot)
         missed[:, zero_entries(own)] -= self.zeros[order]
         moved = (gain @ missed[:, own.channels.state_entries, None])[:, :, 0]
+        steps = np.concatenate([moved[:, :n], self.force[order]], axis=1)
         self.force[order] = self.stay[order, k, None] * self.force[order] + moved[:, n : n + self.nv]
         self.forces.append(self.force[order])
         self.zeros[order] += moved[:, n + self.nv :]
@@ -331,6 +334,16 @@ class Following:
         self.state[order] = np.concatenate([following.qpos, following.qvel], axis=1)
         for (log, instant), state in zip(at, self.state[order], strict=True):
             self.references[log][instant] = state
+        for (log, interval), step in zip(self.chunks.places(k, order), steps, strict=True):
+            self.steps[log][interval] = step
+
+    def missed(self, linearisation: Linearisation) -> list[np.ndarray]:
+        """Replay without the force − reference at the end of each interval, in the tangent, (intervals, 2 nv) a log.
+
+        By the replay with the force, less what that does by its linearisation.
+        """
+        n, of_logs = 2 * self.nv, zip(linearisation.forces, self.steps, strict=True)
+        return [-own[:, :n] - np.einsum("kij,kj->ki", response, own[:, n:]) for response, own in of_logs]
 
     @property
     def result(self) -> Intervals:
@@ -448,8 +461,8 @@ def root_of_states(covariance: np.ndarray, count: int) -> np.ndarray:
 
 def follow(
     intervals: Intervals, chunks: Chunks, offsets: Sequence[np.ndarray], linearisation: Linearisation
-) -> Intervals:
-    """Intervals whose references follow the logs with the gains of a linearisation."""
+) -> Following:
+    """References that follow the logs with the gains of a linearisation."""
     with ExitStack() as stack:
         by = (intervals, intervals.by_short_steps)
         reaching = [Reaching(own, chunks, offsets, stack.enter_context(Models(own.replayer))) for own in by]
@@ -458,4 +471,4 @@ def follow(
             order = following.chunks_at(k)
             base = following.reach(k, order, following.force[order] * linearisation.units)
             following.correct(k, order, base, linearisation.gains[order, k])
-        return following.result
+        return following
