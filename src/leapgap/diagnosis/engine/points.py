@@ -224,21 +224,20 @@ class Bench:
         """Effects whose columns are told by references that follow the logs."""
         return [name for name, h in self.kinds.items() if self.robot.stands and meets_ground(h.kind)]
 
-    def nominal(self, wrong_zero: float = 0.0, simulation: tuple[SimulationSettings, ...] = ()) -> Point:
-        """The nominal robot by some simulation; ``wrong_zero`` as in ``linearised``."""
-        return self.linearised(self.intervals.simulated_by(simulation), (), None, wrong_zero)
+    def nominal(self, simulation: tuple[SimulationSettings, ...] = ()) -> Point:
+        """The nominal robot by some simulation."""
+        return self.linearised(self.intervals.simulated_by(simulation), (), None)
 
-    def linearised(self, intervals: Intervals, acting: Acting, before: Basis | None, wrong_zero: float = 0.0) -> Point:
+    def linearised(self, intervals: Intervals, acting: Acting, before: Basis | None) -> Point:
         """The point of a robot with some effects, with everything linearised about it.
 
-        ``before`` tells what effects with a memory do, and columns of the acting effects; ``wrong_zero``, rad, as in
-        ``whitening.linearise``.
+        ``before`` tells what effects with a memory do, and columns of the acting effects.
         """
         width = 2 * self.robot.model.nv
         none = [np.zeros((own.intervals, width, width)) for own in intervals.courses]
         transitions = none if before is None else before.linearisation.transitions
         offsets = intervals.remembered(transitions)
-        intervals, linearisation = linearise(intervals, self.chunks, offsets, wrong_zero)
+        intervals, linearisation = linearise(intervals, self.chunks, offsets)
         filters = tuple(filters_of(intervals, linearisation, self.chunks))
         known, present = None if before is None else before.columns, [h.name for h, _ in acting]
         columns = Columns.of(intervals, linearisation, list(self.kinds.values()), known, present, self.of_feet)

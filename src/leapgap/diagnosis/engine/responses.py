@@ -42,7 +42,7 @@ class Linearisation:
     missed: tuple[np.ndarray, ...]  # Covariance of what they miss, (intervals, 2 nv, 2 nv)
     units: np.ndarray  # Unit of the force at each degree of freedom, N or N·m, (nv,)
     gains: np.ndarray
-    """By which states, force and zeros of joint sensors follow what is measured, (chunks, longest, N, channels)."""
+    """By which states and force follow what is measured, (chunks, longest, 3 nv, channels)."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ from leapgap.diagnosis.engine.planted import Planted
 from leapgap.diagnosis.engine.points import Acting, Bench, Point, meets_ground, on_logs, prior_of
 from leapgap.diagnosis.engine.pruning import needed
 from leapgap.diagnosis.engine.responses import departed
-from leapgap.diagnosis.engine.whitening import WRONG_ZERO_RAD
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import overrides
@@ -147,23 +146,19 @@ class Search:
     def explore(self) -> tuple[Found, Found]:
         """The nominal robot, and the answer.
 
-        Where much is left unexplained, the search is made once more: of a robot with feet from references that allow
-        for wrong zeros of its joints, where these leave less without a name, of others from all effects together, and
-        on from what these find. The other answer stays where it is likelier by all logs, and by those that each fold
-        was not fitted on.
+        Where much is left unexplained of a robot without feet, the search is made once more, from all effects together
+        and on from what these find. The other answer stays where it is likelier by all logs, and by those that each
+        fold was not fitted on.
         """
         start = self.judge(self.bench.nominal())
-        answer, other = self.ascend(start), start
-        if answer.unexplained and self.bench.robot.stands:
-            looser = self.judge(self.bench.nominal(WRONG_ZERO_RAD, answer.simulation))
-            other = self.ascend(looser) if looser.unnamed < start.unnamed else start
-        elif answer.unexplained:
+        answer = self.ascend(start)
+        if answer.unexplained and not self.bench.robot.stands:
             together = self.together(answer)
             other = answer if together is answer else replace(self, most=MOST_TOGETHER).ascend(together)
-        likelier = other.evidence > answer.evidence and other.worth > answer.worth
-        answer = other if other.members and likelier else answer
+            if other.members and other.evidence > answer.evidence and other.worth > answer.worth:
+                answer = other
         if answer.simulation:
-            start = self.judge(self.bench.nominal(0.0, answer.simulation)) if answer.members else answer
+            start = self.judge(self.bench.nominal(answer.simulation)) if answer.members else answer
         return start, self.linearised_about(answer) if answer.members and answer.unnamed > SOME else answer
 
     def ascend(self, now: Found) -> Found:

@@ -26,7 +26,6 @@ BARELY = 5e-4
 """Depth of a foot in the ground, or distance from it, at which errors of sensors decide whether it touches, m."""
 ALIKE_S = 0.021  # Two intervals of one length that last no longer than this together may share their derivatives
 FOLLOWING = 0.3  # Level of the force at which references follow the logs
-WRONG_ZERO_RAD = 0.05  # Zeros of joint sensors that are far off
 
 
 @dataclass(frozen=True)
@@ -282,7 +281,6 @@ class Following:
         self.forces: list[np.ndarray] = []
         # How states were moved at the end of each interval, and the force in it (units), (intervals, 3 nv) a log
         self.steps = [np.zeros((c.intervals, 3 * self.nv)) for c in own.courses]
-        self.zeros = np.zeros((len(chunks.log), len(zero_entries(own))))
         self.stay = staying(own, chunks)
 
     def chunks_at(self, k: int) -> np.ndarray:
@@ -324,12 +322,10 @@ class Following:
         seen = [own.courses[log].measured[np.array([instant])] for log, instant in at]
         measured = Motion(np.concatenate([one.qpos for one in seen]), np.concatenate([one.qvel for one in seen]))
         missed = tangent_difference(measured, base, own.robot)
-        missed[:, zero_entries(own)] -= self.zeros[order]
         moved = (gain @ missed[:, own.channels.state_entries, None])[:, :, 0]
         steps = np.concatenate([moved[:, :n], self.force[order]], axis=1)
-        self.force[order] = self.stay[order, k, None] * self.force[order] + moved[:, n : n + self.nv]
+        self.force[order] = self.stay[order, k, None] * self.force[order] + moved[:, n:]
         self.forces.append(self.force[order])
-        self.zeros[order] += moved[:, n + self.nv :]
         following = displaced(base, moved[:, :n], own.robot)
         self.state[order] = np.concatenate([following.qpos, following.qvel], axis=1)
         for (log, instant), state in zip(at, self.state[order], strict=True):
@@ -352,28 +348,12 @@ class Following:
         return self.intervals.with_references(references, np.concatenate(self.forces)).with_close(self.close)
 
 
-def zero_entries(intervals: Intervals) -> np.ndarray:
-    """Entries of the state whose sensors may have a wrong zero while a log is followed: joints of a robot with feet."""
-    if not intervals.robot.stands:
-        return np.zeros(0, int)
-    return np.intersect1d(intervals.robot.joint_dofs, intervals.channels.state_entries)
-
-
-def linearise(
-    intervals: Intervals,
-    chunks: Chunks,
-    offsets: Sequence[np.ndarray],
-    wrong_zero: float = 0.0,
-    level: float = FOLLOWING,
-) -> tuple[Intervals, Linearisation]:
+def linearise(intervals: Intervals, chunks: Chunks, offsets: Sequence[np.ndarray]) -> tuple[Intervals, Linearisation]:
     """Intervals whose references follow the logs, and the linearisation about them, by an extended Kalman filter.
 
     Derivatives are by long steps of the simulation, whose error cancels in a difference. Where a foot meets the ground
     or leaves it, short ones take their place; elsewhere every second of short intervals has those of the one before, if
     the robot stands on feet: for that of a held one, whose joints turn round under dry friction, they change too much.
-    ``wrong_zero``, rad, is the standard deviation of zeros of joint sensors while a log is followed: feet that are
-    reported in the air, or deep in the ground, would else have no contact to linearise about. No zero is counted where
-    sets are judged.
     """
     short = intervals.by_short_steps
     with ExitStack() as stack:
@@ -381,28 +361,21 @@ def linearise(
             Reaching(own, chunks, offsets, stack.enter_context(Models(own.replayer)))
             for own in (intervals, short, rough_steps(intervals), rough_steps(short))
         )
-        return linearised_along(Following(usual, close), (rough, rough_close), wrong_zero, level)
+        return linearised_along(Following(usual, close), (rough, rough_close))
 
 
-def linearised_along(
-    following: Following, rough: tuple[Reaching, Reaching], wrong_zero: float, level: float
-) -> tuple[Intervals, Linearisation]:
+def linearised_along(following: Following, rough: tuple[Reaching, Reaching]) -> tuple[Intervals, Linearisation]:
     """The same, by robots that follow the logs, and by ``rough`` ones whose steps are longer than usual and short."""
     intervals, chunks, robot = following.intervals, following.chunks, following.intervals.robot
     entries, nv = intervals.channels.state_entries, robot.model.nv
-    zeros = zero_entries(intervals)
     n = 2 * nv
-    size = n + nv + len(zeros)
-    of_force, of_zeros = np.arange(n, n + nv), np.arange(n + nv, size)
+    size = n + nv
+    of_force = np.arange(n, size)
     units = force_units(intervals)
     noise = noise_at_ends(intervals, chunks)
     covariance = np.zeros((len(chunks.log), size, size))
     covariance[:, range(n), range(n)] = start_deviation(intervals, chunks) ** 2
-    covariance[:, of_force, of_force] = level**2
-    covariance[:, of_zeros, of_zeros] = wrong_zero**2
-    seen = np.zeros((len(entries), size))
-    seen[range(len(entries)), entries] = 1
-    seen[np.searchsorted(entries, zeros), of_zeros] = 1
+    covariance[:, of_force, of_force] = FOLLOWING**2
     gains = np.zeros((len(chunks.log), chunks.longest, size, len(entries)))
     found = [[np.zeros((own.intervals, n, columns)) for own in intervals.courses] for columns in (n, nv, n)]
     anew = np.zeros(len(chunks.log), bool)  # Chunks whose last interval has derivatives of its own that may serve again
@@ -415,13 +388,12 @@ def linearised_along(
         full, bent = np.zeros((len(order), size, size)), np.zeros((len(order), n, n))
         stay = following.stay[order, k, None]
         full[:, of_force, of_force] = stay
-        full[:, of_zeros, of_zeros] = 1
         like_before = anew[order] & ~close & (stay[:, 0] == following.stay[order, k - 1])
         anew[order] = ~like_before & ~close & share
         for at in np.flatnonzero(like_before):
             log, interval = places[at]
             full[at, :n, :n], full[at, :n, n : n + nv], bent[at] = (of[log][interval - 1] for of in found)
-        roots = root_of_states(covariance[order], n + nv)
+        roots = np.linalg.cholesky(covariance[order])
         for short, by in enumerate(rough):
             own = np.flatnonzero((close == bool(short)) & ~like_before)
             if len(own):
@@ -433,11 +405,11 @@ def linearised_along(
                 full[own, :n, :n], full[own, :n, n : n + nv], bent[own] = displacements.derivatives(reached, robot)
         bent += by_steps[:, :, None] * by_steps[:, None]
         spread = full @ covariance[order] @ full.transpose(0, 2, 1)
-        spread[:, of_force, of_force] += level**2 * (1 - stay**2)
+        spread[:, of_force, of_force] += FOLLOWING**2 * (1 - stay**2)
         spread[:, range(n), range(n)] += 1e-14
         spread[:, :n, :n] += bent
-        cross = seen @ spread
-        innovation = cross @ seen.T
+        cross = spread[:, entries]
+        innovation = cross[:, :, entries]
         innovation[:, range(len(entries)), range(len(entries))] += noise[order, k] ** 2
         gain = np.linalg.solve(innovation, cross).transpose(0, 2, 1)
         spread = spread - gain @ cross
@@ -449,14 +421,6 @@ def linearised_along(
                 of[log][interval] = own
     transitions, responses, errors = (tuple(of) for of in found)
     return following.result, Linearisation(transitions, responses, errors, units, gains)
-
-
-def root_of_states(covariance: np.ndarray, count: int) -> np.ndarray:
-    """Root of the covariance of the first ``count`` entries, states and force, where the others, zeros, are known."""
-    own, cross, zeros = covariance[:, :count, :count], covariance[:, :count, count:], covariance[:, count:, count:]
-    if zeros.any():
-        own = own - cross @ np.linalg.solve(zeros, cross.transpose(0, 2, 1))
-    return np.asarray(np.linalg.cholesky(own))
 
 
 def follow(
