@@ -12,7 +12,6 @@ closes nothing of a gap is none (on feet: surely nothing); where u is large, one
 A number at the end of its range is never named.
 """
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -35,7 +34,7 @@ LEAST_CLOSURE = 0.01  # Share of the gap that a set, and each member of it, has 
 SURE = 0.95  # Share of the resamples of logs in which numbers by whole logs have to leave less
 FOLLOWED_S = 6 * CORRELATION_S  # Time after a push in which a filter without a force has still to follow, s
 APART = LEAST_GAIN  # Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀
-AROUND = (0.8, 0.85, 0.9, 0.95, 1.05, 1.1, 1.15, 1.2)  # Shares of a departure from nominal that are tried in its place
+AROUND = (-0.2, -0.13, -0.07, 0.0, 0.07, 0.13, 0.2)  # Shares of a departure from nominal by which it is moved
 HALF = 0.5
 """A set that leaves a larger share without a name is no answer: of the evidence, and of the gap of whole logs too where
 the robot stands on no feet."""
@@ -139,7 +138,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
     exact = gap.by_exact_steps if found.members and not asks_of_steps else gap
     found = without_immaterial(search, start, found, exact)
     if on_feet:
-        found = looked_around(search, without_outweighed(search, found), gap)
+        found = without_outweighed(search, found)
     blocks = len(found.point.evidence.levels)
     u, before = found.unnamed, start.unnamed
     nominal = nominal_candidate(int(gap.folds.max()) + 1)
@@ -156,8 +155,8 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
     rivals = [rivals_of(search, found, m) for m in order]
     d = min((own[0].loss for own in rivals if own), default=np.inf)
     steps = [candidate_of(found, order[: k + 1]) for k in range(len(order))]
-    if explained and not on_feet:
-        steps[-1] = by_whole_logs(steps[-1], gap)
+    if explained:
+        steps[-1] = by_parabolas(steps[-1], search, found, gap) if on_feet else by_whole_logs(steps[-1], gap)
     gap.replays(steps[-1:])  # all rows at once: the report shows them
     (figures,), (judged,) = (own.figures(steps[-1:]) for own in (gap, exact))
     gained, missing = found.predictive - start.predictive, 0.0 if explained else max(found.missing, 0.0)
@@ -316,28 +315,46 @@ def without_outweighed(search: Search, found: Found) -> Found:
     return found
 
 
-def looked_around(search: Search, found: Found, gap: HeldOutGap) -> Found:
-    """The set of a robot with feet with a number further off, where whole logs, and by ``APART`` evidence, are better.
+def by_parabolas(candidate: Candidate, search: Search, found: Found, gap: HeldOutGap) -> Candidate:
+    """A set of a robot with feet with its numbers at the tops of parabolas through its evidence and through whole logs.
 
-    Both are rough in what contacts do, so that numbers settle where they are the best near by alone, each elsewhere.
+    Contacts make both rough, so that numbers settle where they are the best near by alone. Each number is tried further
+    off while the others stay; how well a parabola tells it, the scatter about it says.
     """
-    nominal = np.concatenate([np.zeros(0), *(h.nominal for h in found.members)])
-    others = []
-    for k, by in itertools.product(range(len(found.numbers)), AROUND):
-        numbers = found.numbers.copy()
-        numbers[k] = nominal[k] + by * (numbers[k] - nominal[k])
-        others.append(replace(found, numbers=numbers, fold_numbers=found.fold_numbers + numbers - found.numbers))
-    if not others:
-        return found
-    here, *squares = (own.sum() for own in gap.squares([candidate_of(one) for one in (found, *others)]))
-    likely = [one for one, own in zip(others, squares, strict=True) if own < here]
-    base, *evidence = search.bench.glances(
-        found.point, [one.acting for one in (found, *likely)], found.point.evidence.levels
-    )
-    if max(evidence, default=base) <= base + APART:
-        return found
-    better = search.moved(found.point, likely[int(np.argmax(evidence))].acting)
-    return better if better.evidence > found.evidence else found
+    departs = candidate.numbers - np.concatenate([h.nominal for h in candidate.hypotheses])
+    tried = [moved_by(candidate, by * own) for own in np.diag(departs) for by in AROUND]
+    acting = [tuple(zip(one.hypotheses, one.split(), strict=True)) for one in tried]
+    evidence = search.bench.glances(found.point, acting, found.point.evidence.levels)
+    left = [float(squares.sum()) for squares in gap.squares(tried)]
+    step = np.zeros(len(departs))
+    for k, of in enumerate(np.array([evidence, np.negative(left)]).reshape(2, len(departs), -1).transpose(1, 0, 2)):
+        at, sure = np.transpose([top(AROUND, own) for own in of])
+        step[k] = at @ sure / max(sure.sum(), 1e-12)
+    return moved_by(candidate, step * departs)
+
+
+def moved_by(candidate: Candidate, step: np.ndarray) -> Candidate:
+    """A candidate with other numbers within their ranges, those without each fold as much off."""
+    numbers = clip_numbers(candidate.hypotheses, candidate.numbers + step)
+    folds = np.array([clip_numbers(candidate.hypotheses, own + step) for own in candidate.fold_numbers])
+    return replace(candidate, numbers=numbers, fold_numbers=folds)
+
+
+def top(at: Sequence[float], values: np.ndarray) -> tuple[float, float]:
+    """Where a parabola through values (points,) has its top, within them, and its inverse variance by their scatter.
+
+    Zero and zero of a parabola without a top.
+    """
+    design = np.vander(at, 3)
+    fit, *_ = np.linalg.lstsq(design, values)
+    scatter = ((values - design @ fit) ** 2).sum() / (len(values) - 3)
+    curved, slope, _ = fit.tolist()
+    if curved >= 0:
+        return 0.0, 0.0
+    found = -slope / (2 * curved)
+    by_fit = np.array([slope / (2 * curved**2), -1 / (2 * curved), 0.0])
+    variance = scatter * by_fit @ np.linalg.inv(design.T @ design) @ by_fit
+    return float(np.clip(found, min(at), max(at))), float(1 / max(variance, 1e-12))
 
 
 def single_effects(search: Search, start: Found, found: Found) -> list[tuple[Candidate, float]]:
