@@ -20,7 +20,16 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import PLACES, Candidate, Undecided, clip_numbers, in_words, nominal_candidate
 from leapgap.diagnosis.candidates import Rival as OpenFit
-from leapgap.diagnosis.engine.search import LEAST_GAIN, LEAST_SHARE, UNNAMED, Found, Search, few_of_each, screen
+from leapgap.diagnosis.engine.search import (
+    LEAST_GAIN,
+    LEAST_SHARE,
+    UNNAMED,
+    Found,
+    Search,
+    changes_contacts,
+    few_of_each,
+    screen,
+)
 from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks
 from leapgap.diagnosis.full_rollouts import FullRollouts
 from leapgap.diagnosis.gap import HeldOutFigures, HeldOutGap
@@ -319,18 +328,22 @@ def by_parabolas(candidate: Candidate, search: Search, found: Found, gap: HeldOu
     """A set of a robot with feet with its numbers at the tops of parabolas through its evidence and through whole logs.
 
     Contacts make both rough, so that numbers settle where they are the best near by alone. Each number is tried further
-    off while the others stay; how well a parabola tells it, the scatter about it says.
+    off while the others stay; how well a parabola tells it, the scatter about it says. Numbers of the contacts
+    themselves stay: what slips a little earlier is elsewhere at the end of a log, and none tells by how much.
     """
-    departs = candidate.numbers - np.concatenate([h.nominal for h in candidate.hypotheses])
-    tried = [moved_by(candidate, by * own) for own in np.diag(departs) for by in AROUND]
+    step = np.zeros(len(candidate.numbers))
+    members = candidate.hypotheses
+    own = np.repeat([not changes_contacts(h) for h in members], [len(h.parameters) for h in members])
+    departs = np.diag(candidate.numbers - np.concatenate([h.nominal for h in members]))[own]
+    tried = [moved_by(candidate, by * one) for one in departs for by in AROUND]
     acting = [tuple(zip(one.hypotheses, one.split(), strict=True)) for one in tried]
     evidence = search.bench.glances(found.point, acting, found.point.evidence.levels)
     left = [float(squares.sum()) for squares in gap.squares(tried)]
-    step = np.zeros(len(departs))
-    for k, of in enumerate(np.array([evidence, np.negative(left)]).reshape(2, len(departs), -1).transpose(1, 0, 2)):
-        at, sure = np.transpose([top(AROUND, own) for own in of])
-        step[k] = at @ sure / max(sure.sum(), 1e-12)
-    return moved_by(candidate, step * departs)
+    both = np.array([evidence, np.negative(left)]).reshape(2, len(departs), len(AROUND))
+    for k, one in enumerate(departs):
+        at, sure = np.transpose([top(AROUND, values) for values in both[:, k]])
+        step += one * (at @ sure / max(sure.sum(), 1e-12))
+    return moved_by(candidate, step)
 
 
 def moved_by(candidate: Candidate, step: np.ndarray) -> Candidate:
