@@ -392,8 +392,7 @@ class Bench:
                 sets.append((*acting[:m], (h, changed), *acting[m + 1 :]))
                 sizes.append(size)
         if self.robot.stands:
-            pairs = zip(errors, self.errors_of(here, basis, sets), strict=True)
-            return Point.of(acting, here, basis, errors, [(own - others) / sizes for own, others in pairs])
+            return Point.of(acting, here, basis, errors, self.by_following(here, basis, errors, sets, sizes))
         changes = here.changes([on_logs(here, own) for own in sets], basis.linearisation.transitions)
         slopes = [
             np.stack([change[log] / size for change, size in zip(changes, sizes, strict=True)], axis=2)
@@ -402,11 +401,20 @@ class Bench:
         stacked = Chunks.of(here).stack(slopes)
         return Point.of(acting, here, basis, errors, [-of.whiten(stacked) for of in basis.filters])
 
+    def by_following(
+        self, here: Intervals, basis: Basis, errors: Whitened, sets: Sequence[Acting], sizes: Sequence[float]
+    ) -> Whitened:
+        """Columns of sets in place of those that act, which depart in one number by a size each.
+
+        By references that follow the logs anew: contacts of feet are far from linear in where these are.
+        """
+        return [(own - other) / sizes for own, other in zip(errors, self.errors_of(here, basis, sets), strict=True)]
+
     def errors_of(self, near: Intervals, basis: Basis, sets: Sequence[Acting], exactly: bool = True) -> Whitened:
         """Whitened errors of robots with other effects, one column each, by references that follow the logs.
 
-        Contacts of feet are far from linear in where these are. Those with models of equal structure are followed side
-        by side, as if each had logs of its own; ``exactly`` as in ``missed_by``.
+        Those with models of equal structure are followed side by side, as if each had logs of its own; ``exactly`` as
+        in ``missed_by``.
         """
         chunks = Chunks.of(near)
         alike: dict[Hashable, list[int]] = {}
@@ -461,10 +469,10 @@ class Bench:
             sizes.append(size)
         if not at:
             return basis
+        columns = self.by_following(here, basis, self.errors(here, basis), sets, sizes)
         whitened = [own.copy() for own in basis.whitened]
-        errors = self.errors_of(here, basis, [acting, *sets], exactly=False)
-        for columns, own in zip(whitened, errors, strict=True):
-            columns[..., at] = (own[..., :1] - own[..., 1:]) / sizes
+        for own, new in zip(whitened, columns, strict=True):
+            own[..., at] = new
         return replace(basis, whitened=whitened)
 
     def by_place(self, basis: Basis, acting: Acting, effect: str) -> dict[Hypothesis, np.ndarray]:

@@ -318,7 +318,8 @@ class Following:
     def correct(self, k: int, order: np.ndarray, base: Motion, gain: np.ndarray) -> None:
         """Move states and forces by the gain (chunks, N, channels) times what the logs report, and keep the states."""
         own, n = self.intervals, 2 * self.nv
-        at = [(log, int(own.courses[log].begins[interval]) + 1) for log, interval in self.chunks.places(k, order)]
+        places = self.chunks.places(k, order)
+        at = [(log, int(own.courses[log].begins[interval]) + 1) for log, interval in places]
         seen = [own.courses[log].measured[np.array([instant])] for log, instant in at]
         measured = Motion(np.concatenate([one.qpos for one in seen]), np.concatenate([one.qvel for one in seen]))
         missed = tangent_difference(measured, base, own.robot)
@@ -328,10 +329,8 @@ class Following:
         self.forces.append(self.force[order])
         following = displaced(base, moved[:, :n], own.robot)
         self.state[order] = np.concatenate([following.qpos, following.qvel], axis=1)
-        for (log, instant), state in zip(at, self.state[order], strict=True):
-            self.references[log][instant] = state
-        for (log, interval), step in zip(self.chunks.places(k, order), steps, strict=True):
-            self.steps[log][interval] = step
+        for (log, interval), (_, instant), state, step in zip(places, at, self.state[order], steps, strict=True):
+            self.references[log][instant], self.steps[log][interval] = state, step
 
     def missed(self, linearisation: Linearisation) -> list[np.ndarray]:
         """Replay without the force − reference at the end of each interval, in the tangent, (intervals, 2 nv) a log.
@@ -392,7 +391,7 @@ def linearised_along(following: Following, rough: tuple[Reaching, Reaching]) -> 
         anew[order] = ~like_before & ~close & share
         for at in np.flatnonzero(like_before):
             log, interval = places[at]
-            full[at, :n, :n], full[at, :n, n : n + nv], bent[at] = (of[log][interval - 1] for of in found)
+            full[at, :n, :n], full[at, :n, n:], bent[at] = (of[log][interval - 1] for of in found)
         roots = np.linalg.cholesky(covariance[order])
         for short, by in enumerate(rough):
             own = np.flatnonzero((close == bool(short)) & ~like_before)
@@ -402,7 +401,7 @@ def linearised_along(following: Following, rough: tuple[Reaching, Reaching]) -> 
                 starts, forces = displacements.starts(states, robot)
                 forces += np.repeat(force[own], len(forces) // len(own), axis=0)
                 reached = by.reach(k, order[own], starts, forces)
-                full[own, :n, :n], full[own, :n, n : n + nv], bent[own] = displacements.derivatives(reached, robot)
+                full[own, :n, :n], full[own, :n, n:], bent[own] = displacements.derivatives(reached, robot)
         bent += by_steps[:, :, None] * by_steps[:, None]
         spread = full @ covariance[order] @ full.transpose(0, 2, 1)
         spread[:, of_force, of_force] += FOLLOWING**2 * (1 - stay**2)
@@ -417,7 +416,7 @@ def linearised_along(following: Following, rough: tuple[Reaching, Reaching]) -> 
         covariance[order] = 0.5 * (spread + spread.transpose(0, 2, 1))
         following.correct(k, order, base, gain)
         for c, (log, interval) in enumerate(places):
-            for of, own in zip(found, (full[c, :n, :n], full[c, :n, n : n + nv], bent[c]), strict=True):
+            for of, own in zip(found, (full[c, :n, :n], full[c, :n, n:], bent[c]), strict=True):
                 of[log][interval] = own
     transitions, responses, errors = (tuple(of) for of in found)
     return following.result, Linearisation(transitions, responses, errors, units, gains)
