@@ -13,7 +13,7 @@ from leapgap.robot.model import Robot
 NEAR_BOUND = 0.02
 """A fit is at the end of a range when its distance to it is a smaller share of the way there from nominal."""
 
-STEP, RUNGS = 2.0, 7  # Ratio of the numbers of a ladder, and how many there are at most to each side
+STEP, RUNGS = 3.0, 5  # Ratio of the numbers of a ladder, and how many there are at most to each side
 
 MOST_PARTS = 8
 """Largest number of parts of a robot, joints or joint groups, at each of which an effect gets a number of its own."""
