@@ -407,8 +407,15 @@ class Search:
     def stretched_step(self, found: Found, before: np.ndarray) -> Found:
         """A set with its next numbers as many steps from those ``before`` as gains most: contacts make steps short."""
         others = [replace(found, numbers=before + by * (found.numbers - before)) for by in STRETCHES]
-        gains = self.bench.glances(found.point, [one.acting for one in others], found.point.evidence.levels)
+        sets = [one.acting for one in others]
+        gains = self.evidence_at(found, sets[:2])
+        if gains[1] > gains[0]:
+            gains += self.evidence_at(found, sets[2:])
         return others[int(np.argmax(gains))]
+
+    def evidence_at(self, found: Found, sets: Sequence[Acting]) -> list[float]:
+        """Evidence of a set at other numbers, exactly, each block at its level, nats."""
+        return self.bench.glances(found.point, sets, found.point.evidence.levels)
 
     def planted(self, now: Found) -> list[Found]:
         """The set with one effect more by which feet that stand are on the ground, which columns tell little of.
