@@ -13,8 +13,8 @@ from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.checks import CheckResult, as_read, clock_of, run_checks
 from leapgap.diagnosis.descriptions import judge_descriptions
 from leapgap.diagnosis.engine.points import Bench
-from leapgap.diagnosis.engine.search import Search
-from leapgap.diagnosis.engine.verdict import Judgement, candidate_of, conclude, is_explained, without_pushes
+from leapgap.diagnosis.engine.search import Search, candidate_of
+from leapgap.diagnosis.engine.verdict import Judgement, conclude, is_explained, without_pushes
 from leapgap.diagnosis.evidence import gather
 from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap, Interval
@@ -293,7 +293,8 @@ def answer_by_evidence(
     judged = ready.judged
     hypotheses = list_hypotheses(kinds_by_evidence(kinds, settings), judged.robot, clock_of(ready.checks))
     bench = Bench(hypotheses, settings.tolerances, judged.states, ready.replayer)
-    search = Search(bench, ready.heldout_gap.folds, progress)
+    gap = None if judged.robot.stands else ready.heldout_gap
+    search = Search(bench, ready.heldout_gap.folds, progress, gap=gap)
     progress(f"step 2 of 4, search: {len(hypotheses)} hypotheses (an effect at a location)")
     start, found = search.explore()
     gap = at_stable_horizon(ready, candidate_of(found), settings)

@@ -160,7 +160,7 @@ class Intervals:
     def of(states: Sequence[States], replayer: Replayer, interval_s: float) -> "Intervals":
         """Logs cut into intervals of about a length, or of one row where that is longer, by the nominal robot.
 
-        Of long logs segments are kept that are spread evenly, about ``MOST_S`` in all.
+        Of long logs segments are kept that are spread evenly over the way that the robot goes, about ``MOST_S`` in all.
         """
         channels = StateChannels.of([own.log for own in states], replayer.robot)
         courses = []
@@ -172,8 +172,8 @@ class Intervals:
             length = int(np.clip(most, LEAST_SEGMENT, SEGMENT))
             parts = np.array_split(np.arange(count), max(1, -(-count // length)))
             kept = max(1, min(len(parts), round(most / length)))
-            chosen = np.linspace(0, len(parts) - 1, kept).round().astype(int)
-            courses.append(Course.of(own, [ends[np.append(parts[k], parts[k][-1] + 1)] for k in chosen], channels))
+            segments = [ends[np.append(part, part[-1] + 1)] for part in parts]
+            courses.append(Course.of(own, [segments[k] for k in along_way(own, segments, kept)], channels))
         return Intervals(channels, replayer, tuple(courses), ((),) * len(states))
 
     def part(self, chosen: Sequence[np.ndarray]) -> "Intervals":
@@ -405,6 +405,21 @@ class Intervals:
         lent = [models.of(trial, int(own.rows[own.begins[row]])) for row in rows]
         states = (of(trial, own.rows[own.begins].tolist(), steps) for of in (replayer.warmth, replayer.lagged_torque))
         return PreparedIntervals(replayer, trial, lent, which.ravel(), controls, steps_until, *states)
+
+
+def along_way(states: States, segments: Sequence[np.ndarray], kept: int) -> list[int]:
+    """Some segments of a log, spread evenly over the way that the robot goes: at rest it tells little of its dynamics.
+
+    The way is the length of its path, degrees of freedom in rad and m.
+    """
+    speed = np.linalg.norm(states.motion.qvel, axis=1) * states.log.row_lengths
+    way = np.array([speed[own[0] : own[-1]].sum() for own in segments])
+    middles = np.cumsum(way) - 0.5 * way
+    chosen: list[int] = []
+    for at in (np.arange(kept) + 0.5) / kept * way.sum():
+        left = [k for k in range(len(segments)) if k not in chosen]
+        chosen.append(min(left, key=lambda k: abs(middles[k] - at)))
+    return sorted(chosen)
 
 
 def interval_ends(log: Log, interval_s: float) -> np.ndarray:

@@ -12,18 +12,21 @@ from operator import itemgetter
 
 import numpy as np
 
-from leapgap.diagnosis.candidates import clip_numbers, split_numbers
+from leapgap.diagnosis.candidates import Candidate, clip_numbers, split_numbers
 from leapgap.diagnosis.engine.evidence import Blocks, Posterior, Whitened, posterior_of, predictive
 from leapgap.diagnosis.engine.planted import Planted
 from leapgap.diagnosis.engine.points import Acting, Bench, Point, meets_ground, on_logs, prior_of
 from leapgap.diagnosis.engine.pruning import needed
 from leapgap.diagnosis.engine.responses import departed
+from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import overrides
 
 LEAST_GAIN = 30.0  # Evidence on held-out logs that each number of a cause has to gain, nats: g₀
-LEAST_SHARE = 0.03  # A cause gains this share of the evidence that is missing, or leaves little without a name
+LEAST_SHARE = 0.03
+"""A cause gains this share of the evidence that is missing, closes more of the gap, or leaves little without a name."""
+LEAST_CLOSURE = 0.01  # Share of the gap that a set, and each member of it, has to close
 SOME = 10 * LEAST_GAIN
 """Evidence of a force without a name beside a set, nats, at which further effects are replayed far from nominal."""
 UNNAMED = 20.0  # Evidence of a force without a name for each block, nats, up to which a set explains the logs: u₀
@@ -129,6 +132,17 @@ class Found:
         return replace(self, members=tuple(self.members[m] for m in kept), numbers=numbers)
 
 
+def candidate_of(found: Found, order: Sequence[int] | None = None) -> Candidate:
+    """A set as a candidate, with its members in some order."""
+    members = range(len(found.members)) if order is None else order
+    ends = np.cumsum([0, *(len(h.parameters) for h in found.members)])
+    at = [i for m in members for i in range(ends[m], ends[m + 1])]
+    hypotheses = tuple(found.members[m] for m in members)
+    numbers = clip_numbers(hypotheses, found.numbers[at])
+    folds = np.array([clip_numbers(hypotheses, own[at]) for own in found.fold_numbers])
+    return Candidate(hypotheses, numbers, found.covariance[np.ix_(at, at)], folds)
+
+
 @dataclass(frozen=True)
 class Search:
     """A search on a bench."""
@@ -137,6 +151,7 @@ class Search:
     folds: np.ndarray  # Fold of each log
     progress: Callable[[str], None]
     most: int = MOST_CAUSES  # Largest number of causes that are found one by one
+    gap: HeldOutGap | None = None  # Of whole logs; None where replays of these are chaotic, as on feet
 
     @cached_property
     def feet(self) -> Planted:
@@ -188,10 +203,18 @@ class Search:
                 best = self.linearised_about(best)
             other = self.exchanged(best)
             best = self.linearised_about(other) if other is not best and best.unexplained else other
-            if best.unexplained and best.predictive - now.predictive < LEAST_SHARE * now.missing:
+            gains_little = best.predictive - now.predictive < LEAST_SHARE * now.missing
+            if best.unexplained and gains_little and not self.closes_more(now, best):
                 break
             now = replace(self.without_idle(best), rivals=rivals)
         return now
+
+    def closes_more(self, now: Found, other: Found) -> bool:
+        """Whether another set closes more of the gap of held-out logs, by as much as a cause has to."""
+        if self.gap is None or not self.gap.has_gap:
+            return False
+        before, after = self.gap.figures([candidate_of(now), candidate_of(other)])
+        return after.closure.value - before.closure.value >= LEAST_CLOSURE
 
     def by_columns(self, now: Found) -> list[Found]:
         """The set with one effect more, the likeliest by columns and by replays far from nominal."""

@@ -21,11 +21,13 @@ import numpy as np
 from leapgap.diagnosis.candidates import PLACES, Candidate, Undecided, clip_numbers, in_words, nominal_candidate
 from leapgap.diagnosis.candidates import Rival as OpenFit
 from leapgap.diagnosis.engine.search import (
+    LEAST_CLOSURE,
     LEAST_GAIN,
     LEAST_SHARE,
     UNNAMED,
     Found,
     Search,
+    candidate_of,
     changes_contacts,
     few_of_each,
     screen,
@@ -39,7 +41,6 @@ from leapgap.diagnosis.outside_forces.search import MARGIN_S, place_of
 from leapgap.effects.base import overrides
 
 SINGLES = 4  # Number of single effects that a report lists beside the answer
-LEAST_CLOSURE = 0.01  # Share of the gap that a set, and each member of it, has to close
 SURE = 0.95  # Share of the resamples of logs in which numbers by whole logs have to leave less
 FOLLOWED_S = 6 * CORRELATION_S  # Time after a push in which a filter without a force has still to follow, s
 APART = LEAST_GAIN  # Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀
@@ -107,17 +108,6 @@ class Judgement:
     notes: tuple[str, ...] = ()  # What a report must say of it, such as why a set that was found is no answer
 
 
-def candidate_of(found: Found, order: Sequence[int] | None = None) -> Candidate:
-    """A set as a candidate, with its members in some order."""
-    members = range(len(found.members)) if order is None else order
-    ends = np.cumsum([0, *(len(h.parameters) for h in found.members)])
-    at = [i for m in members for i in range(ends[m], ends[m + 1])]
-    hypotheses = tuple(found.members[m] for m in members)
-    numbers = clip_numbers(hypotheses, found.numbers[at])
-    folds = np.array([clip_numbers(hypotheses, own[at]) for own in found.fold_numbers])
-    return Candidate(hypotheses, numbers, found.covariance[np.ix_(at, at)], folds)
-
-
 @dataclass(frozen=True)
 class Rival:
     """An effect in place of a member of a set."""
@@ -137,6 +127,20 @@ def rivals_of(search: Search, found: Found, member: int) -> list[Rival]:
     replayed = [Rival(h, loss) for label, h, loss in found.rivals if label == own.label and h.name not in members]
     others = [rival for rival in (*near, *replayed) if rival.hypothesis.name != own.name]
     return sorted(others, key=lambda rival: rival.loss)
+
+
+def replayed(search: Search, found: Found, member: int, rivals: Sequence[Rival], least: float) -> list[Rival]:
+    """Those of some rivals of a member that lose less than so much evidence at the numbers of their own replays, nats.
+
+    Where much stays without a name, effects are far from what their columns say.
+    """
+    order = [k if k != member else len(found.members) for k in range(len(found.members))]
+    kept = []
+    for h in few_of_each([rival.hypothesis for rival in rivals], 1):
+        other = search.settle(search.judge(found.point, [h], [member]).with_members(order))
+        if found.evidence - other.evidence < least:
+            kept.append(Rival(h, found.evidence - other.evidence))
+    return kept
 
 
 def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Judgement:
@@ -176,6 +180,8 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
         unnamed = float(np.clip(1 - figures.closure.value, 0.0, unnamed))
     apart = [max(APART, unnamed * losses[m]) for m in order]
     near = [[rival for rival in own if rival.loss < least] for own, least in zip(rivals, apart, strict=True)]
+    if not (explained or on_feet):
+        near = [replayed(search, found, *own) for own in zip(order, near, apart, strict=True)]
     answer = tuple(
         (found.members[m].name, *dict.fromkeys(rival.hypothesis.name for rival in own))
         for m, own in zip(order, near, strict=True)
