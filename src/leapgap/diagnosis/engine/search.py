@@ -25,8 +25,8 @@ from leapgap.effects.base import overrides
 
 LEAST_GAIN = 30.0  # Evidence on held-out logs that each number of a cause has to gain, nats: g₀
 LEAST_SHARE = 0.03
-"""A cause gains this share of the evidence that is missing, closes more of the gap, or leaves little without a name."""
-LEAST_CLOSURE = 0.01  # Share of the gap that a set, and each member of it, has to close
+"""A cause gains this share of the evidence that is missing, or closes it of the gap that is left of held-out logs, or
+leaves little without a name."""
 SOME = 10 * LEAST_GAIN
 """Evidence of a force without a name beside a set, nats, at which further effects are replayed far from nominal."""
 UNNAMED = 20.0  # Evidence of a force without a name for each block, nats, up to which a set explains the logs: u₀
@@ -210,11 +210,11 @@ class Search:
         return now
 
     def closes_more(self, now: Found, other: Found) -> bool:
-        """Whether another set closes more of the gap of held-out logs, by as much as a cause has to."""
+        """Whether another set closes so much more of the gap of held-out logs, as a share of what is left of it."""
         if self.gap is None or not self.gap.has_gap:
             return False
         before, after = self.gap.figures([candidate_of(now), candidate_of(other)])
-        return after.closure.value - before.closure.value >= LEAST_CLOSURE
+        return after.closure.value - before.closure.value >= LEAST_SHARE * (1 - before.closure.value)
 
     def by_columns(self, now: Found) -> list[Found]:
         """The set with one effect more, the likeliest by columns and by replays far from nominal."""
