@@ -75,6 +75,7 @@ def test_the_parts_of_a_log_that_are_judged_are_those_in_which_the_robot_moves(r
     assert (begins < MOVES_S + 1).mean() > 0.75
 
 
+@pytest.mark.long
 def test_inertias_seven_times_too_large_and_rotors_are_named(robot: Robot) -> None:
     logs = [swings(seed) for seed in range(3)]
     looked = (

@@ -37,6 +37,7 @@ DIVERGED = 1e4
 SEGMENT, LEAST_SEGMENT = 64, 16  # Largest number of intervals of a segment, and the smallest of many logs
 MOST_S, MOST_WITH_FEET_S = 12.0, 6.0
 """About how much is kept of all logs together, s; replays of a robot with feet take longer."""
+ENDS = 0.05  # Share of a log's motion at its ends within which the first and the last of its segments lie
 LONG = 1.25  # Intervals of more steps than this many times those of the shortest are replayed apart
 MEMORY = 4
 """Number of intervals that a replay with states of its own (a lag, an elastic gear) lasts after its first one."""
@@ -160,7 +161,7 @@ class Intervals:
     def of(states: Sequence[States], replayer: Replayer, interval_s: float) -> "Intervals":
         """Logs cut into intervals of about a length, or of one row where that is longer, by the nominal robot.
 
-        Of long logs segments are kept that are spread evenly over the way that the robot goes, about ``MOST_S`` in all.
+        Of long logs segments are kept, spread over how far the robot moves, about ``MOST_S`` in all.
         """
         channels = StateChannels.of([own.log for own in states], replayer.robot)
         courses = []
@@ -173,7 +174,7 @@ class Intervals:
             parts = np.array_split(np.arange(count), max(1, -(-count // length)))
             kept = max(1, min(len(parts), round(most / length)))
             segments = [ends[np.append(part, part[-1] + 1)] for part in parts]
-            courses.append(Course.of(own, [segments[k] for k in along_way(own, segments, kept)], channels))
+            courses.append(Course.of(own, [segments[k] for k in where_it_moves(own, segments, kept)], channels))
         return Intervals(channels, replayer, tuple(courses), ((),) * len(states))
 
     def part(self, chosen: Sequence[np.ndarray]) -> "Intervals":
@@ -407,18 +408,17 @@ class Intervals:
         return PreparedIntervals(replayer, trial, lent, which.ravel(), controls, steps_until, *states)
 
 
-def along_way(states: States, segments: Sequence[np.ndarray], kept: int) -> list[int]:
-    """Some segments of a log, spread evenly over the way that the robot goes: at rest it tells little of its dynamics.
+def where_it_moves(states: States, segments: Sequence[np.ndarray], kept: int) -> list[int]:
+    """Some segments of a log that are spread evenly over how far the robot moves, their indices.
 
-    The way is the length of its path, degrees of freedom in rad and m.
+    At rest it tells little of its dynamics. How far it moves in a segment is the range of its positions, rad and m.
     """
-    speed = np.linalg.norm(states.motion.qvel, axis=1) * states.log.row_lengths
-    way = np.array([speed[own[0] : own[-1]].sum() for own in segments])
-    middles = np.cumsum(way) - 0.5 * way
+    extents = [np.linalg.norm(np.ptp(states.motion.qpos[own[0] : own[-1] + 1], axis=0)) for own in segments]
+    moved = np.cumsum(extents)
     chosen: list[int] = []
-    for at in (np.arange(kept) + 0.5) / kept * way.sum():
+    for at in np.searchsorted(moved, np.linspace(ENDS, 1 - ENDS, kept) * moved[-1]).tolist():
         left = [k for k in range(len(segments)) if k not in chosen]
-        chosen.append(min(left, key=lambda k: abs(middles[k] - at)))
+        chosen.append(min(left, key=lambda k: abs(k - at)))
     return sorted(chosen)
 
 

@@ -129,20 +129,6 @@ def rivals_of(search: Search, found: Found, member: int) -> list[Rival]:
     return sorted(others, key=lambda rival: rival.loss)
 
 
-def replayed(search: Search, found: Found, member: int, rivals: Sequence[Rival], least: float) -> list[Rival]:
-    """Those of some rivals of a member that lose less than so much evidence at the numbers of their own replays, nats.
-
-    Where much stays without a name, effects are far from what their columns say.
-    """
-    order = [k if k != member else len(found.members) for k in range(len(found.members))]
-    kept = []
-    for h in few_of_each([rival.hypothesis for rival in rivals], 1):
-        other = search.settle(search.judge(found.point, [h], [member]).with_members(order))
-        if found.evidence - other.evidence < least:
-            kept.append(Rival(h, found.evidence - other.evidence))
-    return kept
-
-
 def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Judgement:
     """The conclusion of a search: verdict, causes in the order of what they explain, and the four numbers."""
     # Whole logs of feet are chaotic: they fit no numbers, and by own steps refuse what surely closes nothing alone.
@@ -180,8 +166,6 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
         unnamed = float(np.clip(1 - figures.closure.value, 0.0, unnamed))
     apart = [max(APART, unnamed * losses[m]) for m in order]
     near = [[rival for rival in own if rival.loss < least] for own, least in zip(rivals, apart, strict=True)]
-    if not (explained or on_feet):
-        near = [replayed(search, found, *own) for own in zip(order, near, apart, strict=True)]
     answer = tuple(
         (found.members[m].name, *dict.fromkeys(rival.hypothesis.name for rival in own))
         for m, own in zip(order, near, strict=True)
