@@ -95,24 +95,6 @@ def test_a_late_velocity_is_told_in_ms_and_no_clock_is_doubted(period_s: float, 
     assert not any(name.startswith("joint_vel/") for one in read for name in one.columns)
 
 
-@pytest.mark.parametrize("period_s", [0.005, 0.02])
-def test_a_difference_of_two_rows_is_moved_by_half_a_row(period_s: float) -> None:
-    def difference(motion: Motion, time: np.ndarray, _: int) -> np.ndarray:
-        return (motion[0](time) - motion[0](time - period_s)) / period_s
-
-    rates = (0.03 / period_s, 0.05 / period_s)  # up to a twentieth of a turn a row
-    logs = [log(seed, difference, period_s, rates=rates) for seed in range(2)]
-    checks = found(logs)
-    told = re.search(r"are differences of two rows, late by ([\d.]+)", checks["velocity_channel"].says)
-    assert told and float(told[1]) == pytest.approx(500 * period_s, rel=0.1), checks["velocity_channel"].says
-    assert [name for name, check in checks.items() if not check.passed] == ["velocity_channel"]
-    for seed, (given, read) in enumerate(zip(logs, as_read(logs, list(checks.values())), strict=True)):
-        for k, joint in enumerate(JOINTS):
-            true = sines(10 * seed + k, rates=rates)[1](read.time)
-            late, moved = (np.std((one[f"joint_vel/{joint}"][: len(read)] - true)[2:-2]) for one in (given, read))
-            assert moved < 0.3 * late
-
-
 def test_a_filtered_velocity_is_told_from_a_late_one() -> None:
     checks = found([log(seed, filtered(0.03), rates=(1.0, 5.0), size=0.1) for seed in range(2)])
     told = re.search(r"are filtered with a time constant of ([\d.]+)", checks["velocity_channel"].says)

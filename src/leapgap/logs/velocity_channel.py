@@ -18,14 +18,13 @@ from leapgap.logs.noise import noise_of, ticks_of
 LONGEST_S = 0.25  # lags are looked for up to this
 SHORTEST_SPAN_S, LONGEST_SPAN_S = 0.05, 0.4  # displacements are taken over this time; over more where a joint is slow
 SEEN = 20.0  # a span is long enough in which joints move by so many standard deviations of what their encoders resolve
-LEAST_ROWS, OF_REGISTER = 0.25, 0.75
-"""Shortest lag that is told, in rows, and that of a register: a difference of two rows is late by half a row."""
+LEAST_ROWS = 0.75  # shortest lag that is told, in rows: a difference of two is late by half a row, and no register is
 PARTS = 8  # parts of a log that are left out in turn, for the standard error of a lag
 SURE = 3.0  # standard errors by which a lag is one
 EXPLAINS = 2.0  # a lag leaves at most 1/so much of the variance that velocities without it leave
 FITS = 0.8  # least share of the variance of displacements that velocities with their lag explain
 LEAST_REST = 0.02  # share of its size by which a velocity must be off without lag or ticks to be told
-LATE, FILTERED, UNCLEAR, OF_TWO_ROWS = "late", "filtered", "late or filtered", "differences of two rows, late"
+LATE, FILTERED, UNCLEAR = "late", "filtered", "late or filtered"
 OTHER_UNIT, FEWEST_JOINTS = 1.25, 3
 """Of so many joints or more one has two units, where its s is so many times that of the others, or they of it."""
 CLEARER = 1.5  # one description of a lag is told, and not the other, where it leaves so much less unexplained
@@ -37,7 +36,7 @@ class VelocityLag:
 
     late_s: float  # lag that suits it best, s; 0 where none is sure
     error_s: float  # standard error of the lag, s
-    kind: str  # ``LATE``, ``FILTERED``, ``UNCLEAR`` where nothing tells them apart, or ``OF_TWO_ROWS``
+    kind: str  # ``LATE``, ``FILTERED``, or ``UNCLEAR`` where nothing tells them apart
     scale: float  # displacement of the positions over the integral of the velocity with its lag
     fits: bool  # whether that integral explains the displacements
 
@@ -59,11 +58,6 @@ class VelocityColumn(VelocityLag):
     error: float  # error of the reported velocity by lag, ticks, unit and rest, standard deviation, rad/s or m/s
     noise: float  # standard deviation of its noise; 0 where rounding to its ticks explains it
     error_if_derived: float  # of a velocity fitted through the positions, by what they resolve and how they bend
-
-    @property
-    def of_two_rows(self) -> bool:
-        """Whether it is late by half a row and right else."""
-        return self.kind == OF_TWO_ROWS and self.rest == 0 and self.scale == 1
 
 
 def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[str, VelocityColumn]:
@@ -164,9 +158,6 @@ def lags_of(moved: np.ndarray, velocity: np.ndarray, span: int, period_s: float)
             found.append(none)
             continue
         products, squares = own[reach + round(best)].sum(axis=1)
-        if best < OF_REGISTER:
-            found.append(VelocityLag(best * period_s, error, OF_TWO_ROWS, scale, True))
-            continue
         change = (velocity[span:, k] - velocity[:-span, k])[reach : reach + used]
         x = np.stack([summed[reach : reach + used, k], change], axis=1)
         fit, *_ = np.linalg.lstsq(x, y[:, k], rcond=None)
@@ -218,8 +209,7 @@ def as_moved(log: Log, velocity: np.ndarray, of: VelocityColumn) -> np.ndarray:
 
         return np.asarray(of.scale * (velocity + of.late_s * CubicSpline(log.time, velocity)(log.time, 1)))
     moved = np.interp(log.time + of.late_s, log.time, velocity)
-    in_ticks = of.tick > 0 and of.kind != OF_TWO_ROWS  # a mean of two values is between their ticks
-    return of.scale * (of.tick * np.round(moved / of.tick) if in_ticks else moved)
+    return of.scale * (of.tick * np.round(moved / of.tick) if of.tick > 0 else moved)
 
 
 def without(log: Log, joints: Sequence[str]) -> Log:
