@@ -161,7 +161,7 @@ class Intervals:
     def of(states: Sequence[States], replayer: Replayer, interval_s: float) -> "Intervals":
         """Logs cut into intervals of about a length, or of one row where that is longer, by the nominal robot.
 
-        Of long logs segments are kept, spread over how far the robot moves, about ``MOST_S`` in all.
+        Of long logs segments are kept, about ``MOST_S`` in all: spread over how far the robot moves, on feet over time.
         """
         channels = StateChannels.of([own.log for own in states], replayer.robot)
         courses = []
@@ -174,7 +174,9 @@ class Intervals:
             parts = np.array_split(np.arange(count), max(1, -(-count // length)))
             kept = max(1, min(len(parts), round(most / length)))
             segments = [ends[np.append(part, part[-1] + 1)] for part in parts]
-            courses.append(Course.of(own, [segments[k] for k in where_it_moves(own, segments, kept)], channels))
+            evenly = np.linspace(0, len(parts) - 1, kept).round().astype(int).tolist()
+            chosen = evenly if replayer.robot.stands else where_it_moves(own, segments, kept)
+            courses.append(Course.of(own, [segments[k] for k in chosen], channels))
         return Intervals(channels, replayer, tuple(courses), ((),) * len(states))
 
     def part(self, chosen: Sequence[np.ndarray]) -> "Intervals":
