@@ -293,8 +293,8 @@ def answer_by_evidence(
     judged = ready.judged
     hypotheses = list_hypotheses(kinds_by_evidence(kinds, settings), judged.robot, clock_of(ready.checks))
     bench = Bench(hypotheses, settings.tolerances, judged.states, ready.replayer)
-    gap = None if judged.robot.stands else ready.heldout_gap
-    search = Search(bench, ready.heldout_gap.folds, progress, gap=gap)
+    whole_logs = None if judged.robot.stands else ready.heldout_gap
+    search = Search(bench, ready.heldout_gap.folds, progress, gap=whole_logs)
     progress(f"step 2 of 4, search: {len(hypotheses)} hypotheses (an effect at a location)")
     start, found = search.explore()
     gap = at_stable_horizon(ready, candidate_of(found), settings)

@@ -213,8 +213,8 @@ class Search:
         """Whether another set closes so much more of the gap of held-out logs, as a share of what is left of it."""
         if self.gap is None or not self.gap.has_gap:
             return False
-        before, after = self.gap.figures([candidate_of(now), candidate_of(other)])
-        return after.closure.value - before.closure.value >= LEAST_SHARE * (1 - before.closure.value)
+        before, after = map(self.gap.closure_value, self.gap.squares([candidate_of(now), candidate_of(other)]))
+        return after - before >= LEAST_SHARE * (1 - before)
 
     def by_columns(self, now: Found) -> list[Found]:
         """The set with one effect more, the likeliest by columns and by replays far from nominal."""

@@ -40,9 +40,9 @@ from leapgap.diagnosis.outside_forces.search import MARGIN_S, place_of
 from leapgap.effects.base import overrides
 
 SINGLES = 4  # Number of single effects that a report lists beside the answer
+LEAST_CLOSURE = 0.01  # Share of the gap that a set, and each member of it, has to close
 SURE = 0.95  # Share of the resamples of logs in which numbers by whole logs have to leave less
 FOLLOWED_S = 6 * CORRELATION_S  # Time after a push in which a filter without a force has still to follow, s
-LEAST_CLOSURE = 0.01  # Share of the gap that a set, and each member of it, has to close
 APART = LEAST_GAIN  # Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀
 AROUND = (-0.2, -0.13, -0.07, 0.0, 0.07, 0.13, 0.2)  # Shares of a departure from nominal by which it is moved
 HALF = 0.5
