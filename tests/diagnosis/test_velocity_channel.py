@@ -17,6 +17,8 @@ from leapgap.diagnosis.diagnose import diagnose
 from leapgap.diagnosis.settings import Settings
 from leapgap.logs.log import Log, LogInfo
 from leapgap.robot.model import Robot
+from tests.diagnosis.joint_fits import noisy_logs
+from tests.diagnosis.two_link_arm import torque_driven_arm
 
 JOINTS = ("shoulder", "elbow", "wrist")
 Motion = tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]
@@ -93,6 +95,36 @@ def test_a_late_velocity_is_told_in_ms_and_no_clock_is_doubted(period_s: float, 
     assert [name for name, check in checks.items() if not check.passed] == ["velocity_channel"]
     read = as_read(logs, list(checks.values()))
     assert not any(name.startswith("joint_vel/") for one in read for name in one.columns)
+
+
+@pytest.mark.parametrize("period_s", [0.005, 0.02])
+def test_a_difference_of_two_rows_is_moved_by_half_a_row(period_s: float) -> None:
+    def difference(motion: Motion, time: np.ndarray, _: int) -> np.ndarray:
+        return (motion[0](time) - motion[0](time - period_s)) / period_s
+
+    rates = (0.03 / period_s, 0.05 / period_s)  # up to a twentieth of a turn a row
+    logs = [log(seed, difference, period_s, rates=rates) for seed in range(2)]
+    checks = found(logs)
+    told = re.search(r"are differences of two rows, late by ([\d.]+)", checks["velocity_channel"].says)
+    assert told and float(told[1]) == pytest.approx(500 * period_s, rel=0.1), checks["velocity_channel"].says
+    assert [name for name, check in checks.items() if not check.passed] == ["velocity_channel"]
+    for seed, (given, read) in enumerate(zip(logs, as_read(logs, list(checks.values())), strict=True)):
+        for k, joint in enumerate(JOINTS):
+            true = sines(10 * seed + k, rates=rates)[1](read.time)
+            late, moved = (np.std((one[f"joint_vel/{joint}"][: len(read)] - true)[2:-2]) for one in (given, read))
+            assert moved < 0.3 * late
+
+
+def test_velocities_of_mujoco_stay_where_they_are(tmp_path: Path) -> None:
+    """Its step advances positions by the velocity at the step's end, which is thus late by half a step."""
+    robot = torque_driven_arm(tmp_path)
+    logs = noisy_logs(robot.path, lambda model: None, noise=0.0)
+    position, velocity = (
+        logs[0].stack([f"{of}/{joint}" for joint in robot.joints]) for of in ("joint_pos", "joint_vel")
+    )
+    assert velocity[1:] == pytest.approx(np.diff(position, axis=0) / logs[0].info.sample_period_s, abs=1e-9)
+    check = next(one for one in run_checks(logs, robot, {}) if one.name == "velocity_channel")
+    assert check.passed, check.says
 
 
 def test_a_filtered_velocity_is_told_from_a_late_one() -> None:

@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import re
+import sysconfig
 import tomllib
 
 from tests.code import ROOT
@@ -31,8 +32,9 @@ def test_every_requirement_is_listed() -> None:
 
 
 def test_what_is_not_permissive_is_listed_as_such() -> None:
-    """Of the packages that the installed extras bring."""
-    for package in importlib.metadata.distributions():
+    """Of the packages that the installed extras bring, without those that a package holds for itself."""
+    places = {sysconfig.get_path(which) for which in ("purelib", "platlib")}
+    for package in importlib.metadata.distributions(path=list(places)):
         if RECIPROCAL.search(stated(package.metadata)):
             name = package.metadata["Name"]
             assert name in LISTED, f"{name} ({stated(package.metadata)}) is missing in docs/contributing/licences.md"

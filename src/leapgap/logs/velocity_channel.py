@@ -18,13 +18,14 @@ from leapgap.logs.noise import noise_of, ticks_of
 LONGEST_S = 0.25  # lags are looked for up to this
 SHORTEST_SPAN_S, LONGEST_SPAN_S = 0.05, 0.4  # displacements are taken over this time; over more where a joint is slow
 SEEN = 20.0  # a span is long enough in which joints move by so many standard deviations of what their encoders resolve
-LEAST_ROWS = 0.75  # shortest lag that is told, in rows: a difference of two is late by half a row, and no register is
+LEAST_ROWS, OF_REGISTER = 0.25, 0.75
+"""Shortest lag that is told, in rows, and that of a register: a difference of two rows is late by half a row."""
 PARTS = 8  # parts of a log that are left out in turn, for the standard error of a lag
 SURE = 3.0  # standard errors by which a lag is one
 EXPLAINS = 2.0  # a lag leaves at most 1/so much of the variance that velocities without it leave
 FITS = 0.8  # least share of the variance of displacements that velocities with their lag explain
 LEAST_REST = 0.02  # share of its size by which a velocity must be off without lag or ticks to be told
-LATE, FILTERED, UNCLEAR = "late", "filtered", "late or filtered"
+LATE, FILTERED, UNCLEAR, OF_TWO_ROWS = "late", "filtered", "late or filtered", "differences of two rows, late"
 OTHER_UNIT, FEWEST_JOINTS = 1.25, 3
 """Of so many joints or more one has two units, where its s is so many times that of the others, or they of it."""
 CLEARER = 1.5  # one description of a lag is told, and not the other, where it leaves so much less unexplained
@@ -36,7 +37,7 @@ class VelocityLag:
 
     late_s: float  # lag that suits it best, s; 0 where none is sure
     error_s: float  # standard error of the lag, s
-    kind: str  # ``LATE``, ``FILTERED``, or ``UNCLEAR`` where nothing tells them apart
+    kind: str  # ``LATE``, ``FILTERED``, ``UNCLEAR`` where nothing tells them apart, or ``OF_TWO_ROWS``
     scale: float  # displacement of the positions over the integral of the velocity with its lag
     fits: bool  # whether that integral explains the displacements
 
@@ -59,11 +60,19 @@ class VelocityColumn(VelocityLag):
     noise: float  # standard deviation of its noise; 0 where rounding to its ticks explains it
     error_if_derived: float  # of a velocity fitted through the positions, by what they resolve and how they bend
 
+    @property
+    def of_two_rows(self) -> bool:
+        """Whether it is late by half a row and right else."""
+        return self.kind == OF_TWO_ROWS and self.rest == 0 and self.scale == 1
 
-def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[str, VelocityColumn]:
+
+def velocity_columns(
+    log: Log, joints: Sequence[str], window_s: float, usual_lag_s: float = 0.0
+) -> dict[str, VelocityColumn]:
     """What each joint's velocity column is, by joint; those that lack one, or move too little to tell, are left out.
 
-    ``window_s`` is that in which velocities are fitted through positions.
+    ``window_s`` is that in which velocities are fitted through positions. A lag of ``usual_lag_s`` is none: velocities
+    of simulations are late by half their step.
     """
     named = [joint for joint in joints if f"joint_pos/{joint}" in log and f"joint_vel/{joint}" in log]
     if not named or len(log) < 4 * PARTS:
@@ -94,7 +103,7 @@ def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[s
     noise[ticks[0] > noise] = 0.0  # rounding, which the ticks stand for
     moved = position[span:] - position[:-span]
     tells = (np.sqrt(np.mean(moved**2, axis=0)) > SEEN / 4 * resolved) & (np.ptp(velocity, axis=0) > 0)
-    lags = lags_of(moved[:, tells], velocity[:, tells], span, period)
+    lags = lags_of(moved[:, tells], velocity[:, tells], span, period, usual_lag_s)
     at = np.flatnonzero(tells).tolist()
     sizes = np.sqrt(np.mean(velocity**2, axis=0))
     scales = [lag.scale for lag in lags if lag.fits]
@@ -129,8 +138,13 @@ def velocity_columns(log: Log, joints: Sequence[str], window_s: float) -> dict[s
     return found
 
 
-def lags_of(moved: np.ndarray, velocity: np.ndarray, span: int, period_s: float) -> list[VelocityLag]:
-    """Lag of each velocity (rows, channels) behind displacements over ``span`` rows, (rows − span, channels)."""
+def lags_of(
+    moved: np.ndarray, velocity: np.ndarray, span: int, period_s: float, usual_lag_s: float = 0.0
+) -> list[VelocityLag]:
+    """Lag of each velocity (rows, channels) behind displacements over ``span`` rows, (rows − span, channels).
+
+    One of less than ``OF_REGISTER`` rows is that beyond the usual.
+    """
     integral = np.concatenate([0 * velocity[:1], np.cumsum((velocity[1:] + velocity[:-1]) / 2, axis=0)]) * period_s
     summed = integral[span:] - integral[:-span]
     reach = max(1, min(int(LONGEST_S / period_s), len(moved) // 4))
@@ -153,11 +167,15 @@ def lags_of(moved: np.ndarray, velocity: np.ndarray, span: int, period_s: float)
         products, squares = own[reach].sum(axis=1)
         scale = float(products / max(squares, np.finfo(float).tiny))  # 0 for a velocity that stands
         none = VelocityLag(0.0, error, LATE, scale, left < 1 - FITS)
-        sure = left_at_zero > EXPLAINS * left and best >= LEAST_ROWS and best * period_s > SURE * error
+        beyond = best - usual_lag_s / period_s
+        sure = left_at_zero > EXPLAINS * left and beyond >= LEAST_ROWS and beyond * period_s > SURE * error
         if not none.fits or not sure:
             found.append(none)
             continue
         products, squares = own[reach + round(best)].sum(axis=1)
+        if best < OF_REGISTER:
+            found.append(VelocityLag(beyond * period_s, error, OF_TWO_ROWS, scale, True))
+            continue
         change = (velocity[span:, k] - velocity[:-span, k])[reach : reach + used]
         x = np.stack([summed[reach : reach + used, k], change], axis=1)
         fit, *_ = np.linalg.lstsq(x, y[:, k], rcond=None)
@@ -209,7 +227,8 @@ def as_moved(log: Log, velocity: np.ndarray, of: VelocityColumn) -> np.ndarray:
 
         return np.asarray(of.scale * (velocity + of.late_s * CubicSpline(log.time, velocity)(log.time, 1)))
     moved = np.interp(log.time + of.late_s, log.time, velocity)
-    return of.scale * (of.tick * np.round(moved / of.tick) if of.tick > 0 else moved)
+    in_ticks = of.tick > 0 and of.kind != OF_TWO_ROWS  # a mean of two values is between their ticks
+    return of.scale * (of.tick * np.round(moved / of.tick) if in_ticks else moved)
 
 
 def without(log: Log, joints: Sequence[str]) -> Log:

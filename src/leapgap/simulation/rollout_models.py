@@ -30,6 +30,32 @@ UNEVEN_FINER, STEPS_OF_UNEVEN = 4, 8
 OF_MODELS = ("change_spec", "change_drive", "change_model")  # members of an effect by which it changes the model
 
 
+def largest_step_of(robot: Robot) -> float:
+    """Longest step in which a robot is simulated, s: that of its model file, as its owner simulates it."""
+    own = ROUNDING * float(robot.model.opt.timestep)
+    return min(LARGEST_STEP_S, own) if robot.has_free_base else own
+
+
+def steps_of_row(log: Log, largest: float) -> float:
+    """Steps of at most ``largest`` s of a control period of a log, as ``RolloutModels.substeps`` has them."""
+    period, tick = log.info.sample_period_s, log.tick_s
+    if tick is not None:
+        return period / tick * max(1, int(np.ceil(tick / largest)))
+    if not log.is_even:
+        largest = max(largest / UNEVEN_FINER, min(largest, period / STEPS_OF_UNEVEN))
+    return max(1, int(np.ceil(period / largest)))
+
+
+def own_lag_s(log: Log, robot: Robot) -> float:
+    """Time by which velocities of simulations of a log are behind their positions, s.
+
+    Positions of a step follow from the velocity at its end, which is thus the mean of the step. RK4 has none.
+    """
+    if robot.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        return 0.0
+    return 0.5 * log.info.sample_period_s / steps_of_row(log, largest_step_of(robot))
+
+
 class RolloutModels:
     """Models, controls and first states of rollouts on one robot; keeps compiled models between calls.
 
@@ -40,9 +66,7 @@ class RolloutModels:
         self, robot: Robot, terrain_slots: int = 1, largest_step_s: float | None = None, sensors: Sequence[str] = ()
     ) -> None:
         self.robot, self.sensors = robot, tuple(sensors)
-        own = ROUNDING * float(robot.model.opt.timestep)  # Of the model file, as its owner simulates the robot
-        longest = min(LARGEST_STEP_S, own) if robot.has_free_base else own
-        self.largest_step_s = longest if largest_step_s is None else largest_step_s
+        self.largest_step_s = largest_step_of(robot) if largest_step_s is None else largest_step_s
         self.own_step_s = self.largest_step_s
         self.slots = terrain_slots
         self.bare = robot.on_terrain((), slots=terrain_slots)
@@ -56,13 +80,7 @@ class RolloutModels:
 
         Such rows are simulated in steps that are whole parts of the tick.
         """
-        period, tick = log.info.sample_period_s, log.tick_s
-        if tick is not None:
-            return period / tick * max(1, int(np.ceil(tick / self.largest_step_s)))
-        largest = self.largest_step_s
-        if not log.is_even:
-            largest = max(largest / UNEVEN_FINER, min(largest, period / STEPS_OF_UNEVEN))
-        return max(1, int(np.ceil(period / largest)))
+        return steps_of_row(log, self.largest_step_s)
 
     def row_steps(self, trial: Rollout) -> np.ndarray:
         """Simulation steps that each row of the log truly lasts, (rows,), to whole steps without drift."""

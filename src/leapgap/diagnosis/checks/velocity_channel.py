@@ -8,8 +8,9 @@ import numpy as np
 from leapgap.diagnosis.checks.base import Check, CheckResult, have_joints, joints_of
 from leapgap.logs.log import Log
 from leapgap.logs.state import fit_window_s
-from leapgap.logs.velocity_channel import FILTERED, UNCLEAR, VelocityColumn, velocity_columns, without
+from leapgap.logs.velocity_channel import FILTERED, UNCLEAR, VelocityColumn, in_time, velocity_columns, without
 from leapgap.robot.model import Robot
+from leapgap.simulation.rollout_models import own_lag_s
 
 LAG = ("late_s", "error_s")
 
@@ -19,7 +20,8 @@ class VelocityChannel(Check):
 
     The statistic is the error that lag and ticks make of a reported velocity, over the larger of its noise and the
     error of one fitted through positions, of the worst joint; the median of the logs. Where the check fails, the
-    velocities of such joints are left out, and fitted where replays begin.
+    velocities of such joints are left out, and fitted where replays begin; those that are late by half a row alone, as
+    differences of two rows are, are moved.
     """
 
     name = "velocity_channel"
@@ -50,14 +52,30 @@ class VelocityChannel(Check):
             statistic = min(statistic, threshold)
             says = "joint velocities match the derivative of the positions, without delay"
             return CheckResult(self.name, True, statistic, threshold, f"{says}{ticks_in_words(joints)}", worst)
-        says = f"{in_words(bad)}; the diagnosis goes on with velocities fitted through the positions of these joints"
-        reads = partial(without, joints=tuple(bad))
+        moved = tuple(joint for joint, columns in bad.items() if all(column.of_two_rows for column in columns))
+        left_out = tuple(joint for joint in bad if joint not in moved)
+        goes_on = []
+        if moved:
+            goes_on.append(f"{in_words({joint: bad[joint] for joint in moved})}, and are moved by it")
+        if left_out:
+            fitted = "the diagnosis goes on with velocities fitted through the positions of these joints"
+            goes_on.append(f"{in_words({joint: bad[joint] for joint in left_out})}; {fitted}")
+        says, reads = "; ".join(goes_on), partial(as_told, columns=found, moved=moved, left_out=left_out)
         return CheckResult(self.name, False, statistic, threshold, says, worst, reads=reads)
 
 
 def columns_of(log: Log, robot: Robot | None) -> dict[str, VelocityColumn]:
-    """What each joint's velocity column of a log is."""
-    return velocity_columns(log, joints_of([log], robot), fit_window_s(log))
+    """What each joint's velocity column of a log is, beside those of simulations of the robot."""
+    own = 0.0 if robot is None else own_lag_s(log, robot)
+    return velocity_columns(log, joints_of([log], robot), fit_window_s(log), own)
+
+
+def as_told(
+    log: Log, columns: Mapping[str, Mapping[str, VelocityColumn]], moved: Sequence[str], left_out: Sequence[str]
+) -> Log:
+    """The log with some velocities where they belong in time, and without others."""
+    own = columns.get(log.name, {})
+    return without(in_time(log, {joint: own[joint] for joint in moved if joint in own}), left_out)
 
 
 def ratio(column: VelocityColumn) -> float:
