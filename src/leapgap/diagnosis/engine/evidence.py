@@ -145,6 +145,20 @@ class Evidence:
             ends.append(found)
         return max(ends, key=lambda one: one.posterior(deviation, centre).evidence)
 
+    def scatter(self, deviation: np.ndarray, centre: np.ndarray, numbers: Sequence[int]) -> float:
+        """How much more numbers differ from segment to segment than they should: a ratio of variances, mean, 1 or more.
+
+        By the slopes of the segments' log likelihoods along each number, as the others follow it. Of a force without
+        a name that is random in time it is 1; of one that repeats itself, for which a number stands in, it is more.
+        """
+        found = self.posterior(deviation, centre)
+        own = found.covariance[np.ix_(numbers, numbers)]
+        along = found.covariance[:, numbers] @ np.linalg.inv(own)
+        segments = np.unique([chunk for chunk, _, _ in self.blocks.places], return_inverse=True)[1]
+        sums = np.array([gram for gram, _ in self.of_each(segments)])
+        slopes = (sums[:, 1:, 0] - sums[:, 1:, 1:] @ found.mean) @ along
+        return max(1.0, float(np.trace(own @ slopes.T @ slopes)) / len(numbers))
+
     def by_level(self, weights: np.ndarray) -> np.ndarray:
         """Log likelihood of each block at each level, (levels, blocks), for weights of the columns (columns,)."""
         left = np.concatenate([[1.0], -weights])

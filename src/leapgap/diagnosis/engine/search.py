@@ -102,6 +102,12 @@ class Found:
         """Evidence of the set with some members at nominal, by its linearisation, nats."""
         return self.point.evidence.posterior(*self.point.priors((), members)).evidence
 
+    def scatter(self, member: int) -> float:
+        """How much more numbers of a member scatter than they should, where something without a name acts; else 1."""
+        ends = self.point.nuisances + np.cumsum([0, *(len(h.parameters) for h in self.members)])
+        numbers = range(ends[member], ends[member + 1])
+        return self.point.evidence.scatter(*self.point.priors(), numbers) if self.unexplained else 1.0
+
     def number_at(self, hypothesis: Hypothesis) -> np.ndarray:
         """Numbers of an effect at one place: those of the member that acts there, or nominal."""
         members = self.point.basis.columns.members

@@ -135,7 +135,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
     on_feet = search.bench.robot.stands
     asks_of_steps = any(overrides(h.kind, "change_step") for h in search.bench.hypotheses)
     exact = gap.by_exact_steps if found.members and not asks_of_steps else gap
-    found = without_immaterial(search, start, found, exact)
+    found = without_immaterial(search, start, without_scattered(search, found), exact)
     if on_feet:
         found = without_outweighed(search, found)
     blocks = len(found.point.evidence.levels)
@@ -162,8 +162,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
     numbers = Numbers(gained, u, before, float(d), figures.closure.value, blocks)
     # What stays without a name may make up for as large a share of a cause as of all that is to be explained.
     unnamed = missing / (max(gained, 0.0) + missing) if missing else 0.0
-    if not on_feet:
-        unnamed = float(np.clip(1 - figures.closure.value, 0.0, unnamed))
+    outweighed = unnamed > HALF and (on_feet or figures.closure.value < HALF)
     apart = [max(APART, unnamed * losses[m]) for m in order]
     near = [[rival for rival in own if rival.loss < least] for own, least in zip(rivals, apart, strict=True)]
     answer = tuple(
@@ -173,7 +172,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
     closes = judged.closure.high if on_feet and exact is gap else judged.closure.value
     if exact.has_gap and closes < LEAST_CLOSURE:
         return Judgement(without, nominal, others(start), numbers, *as_it_is)
-    if why := refusal(found, explained, gained if unnamed > HALF else None, judged, exact):
+    if why := refusal(found, explained, gained if outweighed else None, judged, exact):
         notes = (f"{in_words(steps[-1])} {why}",)
         return Judgement(unknown, nominal, others(start), numbers, *as_it_is, notes=notes)
     at_end = steps[-1].at_bound
@@ -298,6 +297,19 @@ def without_immaterial(search: Search, start: Found, found: Found, gap: HeldOutG
             break
         search.progress(f"without {found.members[idle[0]].label}, which explains nothing")
         found = search.settle(found.with_members(fewer[idle[0]]))
+    return found
+
+
+def without_scattered(search: Search, found: Found) -> Found:
+    """The set without members whose numbers differ so much over the logs that these tell little of them."""
+    while len(found.members) > 1:
+        losses = [found.evidence - found.evidence_without([m]) for m in range(len(found.members))]
+        sure = [loss / found.scatter(m) / len(found.members[m].parameters) for m, loss in enumerate(losses)]
+        least = int(np.argmin(sure))
+        if sure[least] >= LEAST_GAIN:
+            break
+        search.progress(f"without {found.members[least].label}, which differs from time to time")
+        found = search.settle(found.with_members([m for m in range(len(found.members)) if m != least]))
     return found
 
 
