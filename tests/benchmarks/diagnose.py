@@ -49,7 +49,8 @@ class Counting(Replayer):
 
 def tiny(settings: Settings) -> Settings:
     """Settings of a diagnosis of one effect in seconds."""
-    return replace(settings, effects=["joint_damping"], folds=2, most_pieces=4, noise_draws=1, bootstrap_draws=20)
+    few = {"folds": 2, "most_pieces": 4, "noise_draws": 1, "bootstrap_draws": 20}
+    return replace(settings, effects=["joint_damping"], best=False, **few)
 
 
 def logs(folder: str, number: int) -> list[Log]:

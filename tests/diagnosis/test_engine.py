@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 
 from leapgap import effects
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
-from leapgap.diagnosis.engine.evidence import posterior_of
+from leapgap.diagnosis.engine.evidence import Blocks, Evidence, posterior_of
 from leapgap.diagnosis.engine.intervals import Course, Intervals
 from leapgap.diagnosis.engine.points import otherwise_integrated
 from leapgap.diagnosis.engine.responses import Columns, Displacements
@@ -80,6 +80,21 @@ def test_whitened_errors_have_the_likelihood_of_the_whole_process() -> None:
     spread = np.array(rows) @ np.array(rows).T + np.diag(noise[0, :, 0] ** 2)
     expected = multivariate_normal(np.array(means), spread).logpdf(measured[0, :, 0, 0])
     assert found == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(("differs", "ratio"), [(0.0, 1.0), (3.0, 10.0)])
+def test_a_number_that_differs_between_segments_scatters(differs: float, ratio: float) -> None:
+    """Each of 400 segments tells a number to a deviation of one, and truly has its own, ``differs`` apart."""
+    rng, segments, rows = np.random.default_rng(0), 400, 25
+    own = 2 + differs * rng.standard_normal(segments)
+    column = np.ones((segments, rows)) / np.sqrt(rows)
+    other = rng.standard_normal((segments, rows))
+    errors = own[:, None] * column + 0.5 * other + rng.standard_normal((segments, rows))
+    whitened = [np.stack([errors, column, other], axis=2)[:, :, None]]
+    blocks = Blocks([(k, 0, rows) for k in range(segments)], np.zeros(segments, int), np.zeros((1, segments)))
+    evidence = Evidence.of(blocks, whitened, np.zeros((1, segments, 0, 0)))
+    scatter = evidence.scatter(np.full(2, 100.0), np.zeros(2), [0])
+    assert scatter == pytest.approx(ratio, rel=0.2)
 
 
 @pytest.fixture(scope="module")

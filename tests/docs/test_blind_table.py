@@ -37,6 +37,7 @@ INJECTED = [
     ("mean difference of predicted and actual reduction", "closure_promise_error", 1),
 ]
 COLUMNS = {"a1": 0, "ur5e": 1}
+COUNTS = ("none", "one", "two", "three")
 SINGLES = r"the right cause first in (\d+) of (\d+) detectable single faults"
 VERDICTS = {
     row[0]: row[1] for row in table_of(ROOT / "docs" / "explanation" / "verdicts.md", "| | A1 jumps, 150 cases |")
@@ -99,5 +100,5 @@ def test_counts_of_the_page_on_verdicts(row: str, metric: str) -> None:
 
 def test_real_robots_of_the_front_page() -> None:
     judged = [case["right"] for case in ROBOTS["cases"].values() if case["right"] is not None]
-    assert f"{sum(judged)} of {len(judged)} answers right, none with a false name" in README
-    assert not any(case["false_name"] for case in ROBOTS["cases"].values())
+    wrong = sum(case["false_name"] for case in ROBOTS["cases"].values())
+    assert f"{sum(judged)} of {len(judged)} answers right, {COUNTS[wrong]} with a false name" in README

@@ -335,7 +335,7 @@ def comparison_of(search: PairedSearch, found: Found, logs: tuple[int, int], var
     """What is reported of the differences, and what would have been."""
     parts = split_numbers(found.members, found.numbers)
     spreads = split_numbers(found.members, np.sqrt(np.diag(found.covariance)))
-    losses = {m: found.evidence - found.evidence_without([m]) for m in differences(found) if found.departs(m)}
+    losses = {m: found.loss(m) for m in differences(found) if found.departs(m)}
     changed = []
     for m in sorted(losses, key=lambda m: -losses[m]):
         h, numbers, own = effect_of(found.members[m]), parts[m], spreads[m]

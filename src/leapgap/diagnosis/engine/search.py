@@ -98,9 +98,9 @@ class Found:
         rows = sum((end - first) for _, first, end in evidence.blocks.places) * self.point.own[0].shape[2]
         return float(-0.5 * (rows + evidence.blocks.constant[0].sum()) - self.by_level.max(axis=0).sum())
 
-    def evidence_without(self, members: Sequence[int]) -> float:
-        """Evidence of the set with some members at nominal, by its linearisation, nats."""
-        return self.point.evidence.posterior(*self.point.priors((), members)).evidence
+    def loss(self, member: int) -> float:
+        """Evidence that the set loses with a member at nominal, by its linearisation, nats."""
+        return self.evidence - self.point.evidence.posterior(*self.point.priors((), [member])).evidence
 
     def scatter(self, member: int) -> float:
         """How much more numbers of a member scatter than they should, where something without a name acts; else 1."""
@@ -158,6 +158,7 @@ class Search:
     progress: Callable[[str], None]
     most: int = MOST_CAUSES  # Largest number of causes that are found one by one
     gap: HeldOutGap | None = None  # Of whole logs; None where replays of these are chaotic, as on feet
+    left_out: tuple[str, ...] = ()  # Effects that are not looked for
 
     @cached_property
     def feet(self) -> Planted:
@@ -178,9 +179,24 @@ class Search:
             other = answer if together is answer else replace(self, most=MOST_TOGETHER).ascend(together)
             if other.members and other.evidence > answer.evidence and other.worth > answer.worth:
                 answer = other
+        answer = self.steady(answer)
         if answer.simulation:
             start = self.judge(self.bench.nominal(answer.simulation)) if answer.members else answer
         return start, self.linearised_about(answer) if answer.members and answer.unnamed > SOME else answer
+
+    def steady(self, found: Found) -> Found:
+        """A set with others in place of members that stand in for what repeats itself, and so differ over the logs."""
+        search = self
+        while len(found.members) > 1:
+            members = range(len(found.members))
+            sure = [found.loss(m) / found.scatter(m) / len(found.members[m].parameters) for m in members]
+            worst = int(np.argmin(sure))
+            if sure[worst] >= LEAST_GAIN:
+                break
+            self.progress(f"without {found.members[worst].label}, whose numbers differ from time to time")
+            search = replace(search, left_out=(*search.left_out, found.members[worst].name))
+            found = search.ascend(search.settle(found.with_members([m for m in members if m != worst])))
+        return found
 
     def ascend(self, now: Found) -> Found:
         """The answer from a set without effects on.
@@ -225,6 +241,7 @@ class Search:
     def by_columns(self, now: Found) -> list[Found]:
         """The set with one effect more, the likeliest by columns and by replays far from nominal."""
         worth = [*stretched(now.point), *(h for gain, h in self.screened(now) if gain > WORTH_A_LOOK)]
+        worth = [h for h in worth if h.name not in self.left_out]
         linear = [self.judge(now.point, [h]) for h in few_of_each(worth, ALIKE)[:SHORTLIST]]
         linear.sort(key=lambda one: -one.worth)
         return self.promising(now, linear)
@@ -334,7 +351,8 @@ class Search:
             gains += [(float(gain), *one, float(own)) for gain, one, own in zip(of_each, found, times, strict=True)]
         gains.sort(key=lambda one: -one[0])
         best = {h.label: (h, numbers, times) for gain, h, numbers, times in reversed(gains) if gain > WORTH_A_LOOK}
-        few = few_of_each([h for gain, h, *_ in gains if gain > WORTH_A_LOOK], 2 * ALIKE)
+        likely = [h for gain, h, *_ in gains if gain > WORTH_A_LOOK and h.name not in self.left_out]
+        few = few_of_each(likely, 2 * ALIKE)
         labels = list(dict.fromkeys(h.label for h in few))[:SHORTLIST]
         return [
             ((h, numbers), (h, h.near(h.nominal + times * (numbers - h.nominal), numbers)))
@@ -399,23 +417,12 @@ class Search:
         of_folds, (gram, constant) = evidence.of_each(self.folds[evidence.blocks.log]), evidence.total()
         for of_fold, own_constant in of_folds:
             rest = posterior_of(gram - of_fold, constant - own_constant, *priors)
-            held_out += self.predicted(of_fold, own_constant, priors[0][:first], rest, whole)
+            told = Posterior(0.0, rest.mean[first:], rest.covariance[first:, first:])
+            held_out += predictive(of_fold, own_constant, priors[0][:first], told)  # no other log tells of nuisances
             folds.append(rest.mean[first:])
         judged = replace(point, evidence=replace(point.evidence, levels=evidence.levels))
         of_folds_at = at + np.array(folds)
         return Found(judged, members, own, spread, of_folds_at, whole.evidence - lost, held_out - lost)
-
-    def predicted(
-        self, gram: np.ndarray, constant: float, nuisances: np.ndarray, rest: Posterior, whole: Posterior
-    ) -> float:
-        """Log probability of a fold, by its inner products, with numbers by the ``rest`` of the logs, nats.
-
-        ``nuisances`` are their prior deviations: no other log tells anything of them. ``whole`` is by all logs.
-        """
-        del whole
-        first = len(nuisances)
-        told = Posterior(0.0, rest.mean[first:], rest.covariance[first:, first:])
-        return predictive(gram, constant, nuisances, told)
 
     def moved(self, near: Point, acting: Acting) -> Found:
         """A set at some numbers, replayed."""
@@ -489,7 +496,8 @@ class Search:
 
     def in_place_of(self, found: Found, member: int) -> list[Found]:
         """The set with the likeliest effects by their columns in place of a member, which is taken back to nominal."""
-        likely = few_of_each([h for _, h in screen(found.point, [member], again=True)], ALIKE)[:SHORTLIST]
+        others = [h for _, h in screen(found.point, [member], again=True) if h.name not in self.left_out]
+        likely = few_of_each(others, ALIKE)[:SHORTLIST]
         return sorted((self.judge(found.point, [h], [member]) for h in likely), key=lambda one: -one.evidence)
 
     def without_idle(self, found: Found) -> Found:

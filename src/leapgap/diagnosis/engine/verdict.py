@@ -135,7 +135,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
     on_feet = search.bench.robot.stands
     asks_of_steps = any(overrides(h.kind, "change_step") for h in search.bench.hypotheses)
     exact = gap.by_exact_steps if found.members and not asks_of_steps else gap
-    found = without_immaterial(search, start, without_scattered(search, found), exact)
+    found = without_immaterial(search, start, found, exact)
     if on_feet:
         found = without_outweighed(search, found)
     blocks = len(found.point.evidence.levels)
@@ -149,7 +149,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
     if not found.members:
         numbers = Numbers(0.0, u, before, None, None, blocks)
         return Judgement(without, nominal, others(start), numbers, *as_it_is)
-    losses = [found.evidence - found.evidence_without([m]) for m in range(len(found.members))]
+    losses = [found.loss(m) for m in range(len(found.members))]
     order = [int(m) for m in np.argsort(losses)[::-1]]
     rivals = [rivals_of(search, found, m) for m in order]
     d = min((own[0].loss for own in rivals if own), default=np.inf)
@@ -162,7 +162,8 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
     numbers = Numbers(gained, u, before, float(d), figures.closure.value, blocks)
     # What stays without a name may make up for as large a share of a cause as of all that is to be explained.
     unnamed = missing / (max(gained, 0.0) + missing) if missing else 0.0
-    outweighed = unnamed > HALF and (on_feet or figures.closure.value < HALF)
+    if not on_feet:
+        unnamed = float(np.clip(1 - figures.closure.value, 0.0, unnamed))
     apart = [max(APART, unnamed * losses[m]) for m in order]
     near = [[rival for rival in own if rival.loss < least] for own, least in zip(rivals, apart, strict=True)]
     answer = tuple(
@@ -172,7 +173,7 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
     closes = judged.closure.high if on_feet and exact is gap else judged.closure.value
     if exact.has_gap and closes < LEAST_CLOSURE:
         return Judgement(without, nominal, others(start), numbers, *as_it_is)
-    if why := refusal(found, explained, gained if outweighed else None, judged, exact):
+    if why := refusal(found, explained, gained if unnamed > HALF else None, judged, exact):
         notes = (f"{in_words(steps[-1])} {why}",)
         return Judgement(unknown, nominal, others(start), numbers, *as_it_is, notes=notes)
     at_end = steps[-1].at_bound
@@ -300,24 +301,11 @@ def without_immaterial(search: Search, start: Found, found: Found, gap: HeldOutG
     return found
 
 
-def without_scattered(search: Search, found: Found) -> Found:
-    """The set without members whose numbers differ so much over the logs that these tell little of them."""
-    while len(found.members) > 1:
-        losses = [found.evidence - found.evidence_without([m]) for m in range(len(found.members))]
-        sure = [loss / found.scatter(m) / len(found.members[m].parameters) for m, loss in enumerate(losses)]
-        least = int(np.argmin(sure))
-        if sure[least] >= LEAST_GAIN:
-            break
-        search.progress(f"without {found.members[least].label}, which differs from time to time")
-        found = search.settle(found.with_members([m for m in range(len(found.members)) if m != least]))
-    return found
-
-
 def without_outweighed(search: Search, found: Found) -> Found:
     """The set without members that are worth less evidence than what stays without a name, which they may stand for."""
     while found.unexplained and len(found.members) > 1:
         members = range(len(found.members))
-        losses = [found.evidence - found.evidence_without([m]) for m in members]
+        losses = [found.loss(m) for m in members]
         least = int(np.argmin(losses))
         if losses[least] >= found.missing:
             break
