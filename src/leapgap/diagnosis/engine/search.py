@@ -103,10 +103,10 @@ class Found:
         return self.evidence - self.point.evidence.posterior(*self.point.priors((), [member])).evidence
 
     def scatter(self, member: int) -> float:
-        """How much more numbers of a member scatter than they should, where something without a name acts; else 1."""
+        """How much more the numbers of a member differ over the logs than they should."""
         ends = self.point.nuisances + np.cumsum([0, *(len(h.parameters) for h in self.members)])
         numbers = range(ends[member], ends[member + 1])
-        return self.point.evidence.scatter(*self.point.priors(), numbers) if self.unexplained else 1.0
+        return self.point.evidence.scatter(*self.point.priors(), numbers)
 
     def number_at(self, hypothesis: Hypothesis) -> np.ndarray:
         """Numbers of an effect at one place: those of the member that acts there, or nominal."""
@@ -179,15 +179,20 @@ class Search:
             other = answer if together is answer else replace(self, most=MOST_TOGETHER).ascend(together)
             if other.members and other.evidence > answer.evidence and other.worth > answer.worth:
                 answer = other
-        answer = self.steady(answer)
+        answer = self.steady(start, answer)
         if answer.simulation:
             start = self.judge(self.bench.nominal(answer.simulation)) if answer.members else answer
         return start, self.linearised_about(answer) if answer.members and answer.unnamed > SOME else answer
 
-    def steady(self, found: Found) -> Found:
-        """A set with others in place of members that stand in for what repeats itself, and so differ over the logs."""
+    def steady(self, start: Found, found: Found) -> Found:
+        """A set with others in place of members that stand in for what repeats itself, and so differ over the logs.
+
+        Of sets that gain more than stays without a name: the others are no answer.
+        """
         search = self
-        while len(found.members) > 1:
+        while found.unexplained and len(found.members) > 1:
+            if found.predictive - start.predictive <= found.missing:
+                break
             members = range(len(found.members))
             sure = [found.loss(m) / found.scatter(m) / len(found.members[m].parameters) for m in members]
             worst = int(np.argmin(sure))
