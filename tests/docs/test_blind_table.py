@@ -101,4 +101,4 @@ def test_counts_of_the_page_on_verdicts(row: str, metric: str) -> None:
 def test_real_robots_of_the_front_page() -> None:
     judged = [case["right"] for case in ROBOTS["cases"].values() if case["right"] is not None]
     wrong = sum(case["false_name"] for case in ROBOTS["cases"].values())
-    assert f"{sum(judged)} of {len(judged)} answers right, {COUNTS[wrong]} with a false name" in README
+    assert f"{sum(judged)} of {len(judged)} right, {COUNTS[wrong]} with a false name" in README
