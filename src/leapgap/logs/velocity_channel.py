@@ -18,8 +18,8 @@ from leapgap.logs.noise import noise_of, ticks_of
 LONGEST_S = 0.25  # lags are looked for up to this
 SHORTEST_SPAN_S, LONGEST_SPAN_S = 0.05, 0.4  # displacements are taken over this time; over more where a joint is slow
 SEEN = 20.0  # a span is long enough in which joints move by so many standard deviations of what their encoders resolve
-LEAST_ROWS, OF_REGISTER = 0.25, 0.75
-"""Shortest lag that is told, in rows, and that of a register: a difference of two rows is late by half a row."""
+LEAST_ROWS, OF_DIFFERENCE, OF_REGISTER = 0.25, 0.48, 0.75
+"""Shortest lag beyond the usual, and shortest lags of differences of two rows and of registers, in rows."""
 PARTS = 8  # parts of a log that are left out in turn, for the standard error of a lag
 SURE = 3.0  # standard errors by which a lag is one
 EXPLAINS = 2.0  # a lag leaves at most 1/so much of the variance that velocities without it leave
@@ -168,7 +168,8 @@ def lags_of(
         scale = float(products / max(squares, np.finfo(float).tiny))  # 0 for a velocity that stands
         none = VelocityLag(0.0, error, LATE, scale, left < 1 - FITS)
         beyond = best - usual_lag_s / period_s
-        sure = left_at_zero > EXPLAINS * left and beyond >= LEAST_ROWS and beyond * period_s > SURE * error
+        long = best >= OF_DIFFERENCE and beyond >= LEAST_ROWS
+        sure = left_at_zero > EXPLAINS * left and long and beyond * period_s > SURE * error
         if not none.fits or not sure:
             found.append(none)
             continue
