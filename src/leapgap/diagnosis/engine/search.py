@@ -422,12 +422,23 @@ class Search:
         of_folds, (gram, constant) = evidence.of_each(self.folds[evidence.blocks.log]), evidence.total()
         for of_fold, own_constant in of_folds:
             rest = posterior_of(gram - of_fold, constant - own_constant, *priors)
-            told = Posterior(0.0, rest.mean[first:], rest.covariance[first:, first:])
-            held_out += predictive(of_fold, own_constant, priors[0][:first], told)  # no other log tells of nuisances
+            held_out += self.predicted(of_fold, own_constant, priors[0][:first], rest, whole)
             folds.append(rest.mean[first:])
         judged = replace(point, evidence=replace(point.evidence, levels=evidence.levels))
         of_folds_at = at + np.array(folds)
         return Found(judged, members, own, spread, of_folds_at, whole.evidence - lost, held_out - lost)
+
+    def predicted(
+        self, gram: np.ndarray, constant: float, nuisances: np.ndarray, rest: Posterior, whole: Posterior
+    ) -> float:
+        """Log probability of a fold, by its inner products, with numbers by the ``rest`` of the logs, nats.
+
+        ``nuisances`` are their prior deviations: no other log tells anything of them. ``whole`` is by all logs.
+        """
+        del whole
+        first = len(nuisances)
+        told = Posterior(0.0, rest.mean[first:], rest.covariance[first:, first:])
+        return predictive(gram, constant, nuisances, told)
 
     def moved(self, near: Point, acting: Acting) -> Found:
         """A set at some numbers, replayed."""
