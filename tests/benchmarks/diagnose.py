@@ -49,8 +49,9 @@ class Counting(Replayer):
 
 def tiny(settings: Settings) -> Settings:
     """Settings of a diagnosis of one effect in seconds."""
-    few = {"folds": 2, "most_pieces": 4, "noise_draws": 1, "bootstrap_draws": 20}
-    return replace(settings, effects=["joint_damping"], best=False, **few)
+    return replace(
+        settings, effects=["joint_damping"], folds=2, most_pieces=4, noise_draws=1, bootstrap_draws=20, best=False
+    )
 
 
 def logs(folder: str, number: int) -> list[Log]:

@@ -93,7 +93,7 @@ def test_a_number_that_differs_between_segments_scatters(differs: float, ratio: 
     whitened = [np.stack([errors, column, other], axis=2)[:, :, None]]
     blocks = Blocks([(k, 0, rows) for k in range(segments)], np.zeros(segments, int), np.zeros((1, segments)))
     evidence = Evidence.of(blocks, whitened, np.zeros((1, segments, 0, 0)))
-    scatter = evidence.scatter(np.full(2, 100.0), np.zeros(2), [0])
+    scatter = evidence.scatter(np.full(2, 100.0), np.zeros(2), np.array([0]))
     assert scatter == pytest.approx(ratio, rel=0.2)
 
 

@@ -253,6 +253,17 @@ def test_friction_of_one_joint_group_is_found_in_walks(go2: Robot) -> None:
 
 
 @pytest.mark.long
+def test_friction_of_one_joint_is_found_in_walks(go2: Robot) -> None:
+    def rub(model: mujoco.MjModel) -> None:
+        model.dof_frictionloss[model.joint("FR_thigh_joint").dofadr] += 0.8
+
+    report = report_of(walks(rub), go2)
+    assert report.answer == (("joint_friction",),), report.sentence
+    assert report.causes[0].location == "FR_thigh_joint"
+    assert report.causes[0].parameters["torque_nm"].value == pytest.approx(0.8, rel=0.15)
+
+
+@pytest.mark.long
 def test_late_commands_are_found_in_walks(go2: Robot) -> None:
     report = report_of(walks(delay_s=0.008), go2)
     assert report.answer == (("command_delay",),), report.sentence

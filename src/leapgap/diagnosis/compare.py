@@ -18,6 +18,7 @@ from leapgap.diagnosis.engine.evidence import Posterior, Whitened
 from leapgap.diagnosis.engine.intervals import Intervals
 from leapgap.diagnosis.engine.points import ABSENT, Acting, Basis, Bench, Point, prior_of
 from leapgap.diagnosis.engine.responses import Columns
+from leapgap.diagnosis.engine.screening import Projection, few_of_each, screen
 from leapgap.diagnosis.engine.search import (
     ALIKE,
     CLOSELY,
@@ -25,10 +26,7 @@ from leapgap.diagnosis.engine.search import (
     MOST_CAUSES,
     UNNAMED,
     Found,
-    Projection,
     Search,
-    few_of_each,
-    screen,
 )
 from leapgap.diagnosis.engine.whitening import Chunks
 from leapgap.diagnosis.hypotheses import Hypothesis

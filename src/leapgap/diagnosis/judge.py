@@ -16,7 +16,8 @@ import numpy as np
 from leapgap.diagnosis.candidates import split_numbers
 from leapgap.diagnosis.diagnose import chosen_kinds, kinds_by_evidence, tolerances_on
 from leapgap.diagnosis.engine.points import ABSENT, Acting, Bench, Point
-from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, UNNAMED, Found, Search, few_of_each, screen
+from leapgap.diagnosis.engine.screening import few_of_each, screen
+from leapgap.diagnosis.engine.search import LEAST_GAIN, MOST_CAUSES, UNNAMED, Found, Search
 from leapgap.diagnosis.gap import folds_of, scaled_errors
 from leapgap.diagnosis.horizons import gap_of, horizons_of, replayer_at, unmoved_errors
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses, places

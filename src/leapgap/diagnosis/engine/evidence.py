@@ -145,7 +145,7 @@ class Evidence:
             ends.append(found)
         return max(ends, key=lambda one: one.posterior(deviation, centre).evidence)
 
-    def scatter(self, deviation: np.ndarray, centre: np.ndarray, numbers: Sequence[int]) -> float:
+    def scatter(self, deviation: np.ndarray, centre: np.ndarray, numbers: np.ndarray) -> float:
         """How much more numbers differ from segment to segment than they should: a ratio of variances, mean, 1 or more.
 
         By the slopes of the segments' log likelihoods along each number, as the others follow it. Of a force without

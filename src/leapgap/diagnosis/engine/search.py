@@ -13,11 +13,12 @@ from operator import itemgetter
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, clip_numbers, split_numbers
-from leapgap.diagnosis.engine.evidence import Blocks, Posterior, Whitened, posterior_of, predictive
+from leapgap.diagnosis.engine.evidence import Posterior, posterior_of, predictive
 from leapgap.diagnosis.engine.planted import Planted
-from leapgap.diagnosis.engine.points import Acting, Bench, Point, meets_ground, on_logs, prior_of
+from leapgap.diagnosis.engine.points import Acting, Bench, Point, meets_ground, on_logs
 from leapgap.diagnosis.engine.pruning import needed
 from leapgap.diagnosis.engine.responses import departed
+from leapgap.diagnosis.engine.screening import Projection, few_of_each, screen, stretched
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis
 from leapgap.diagnosis.simulation_settings import SimulationSettings
@@ -34,7 +35,6 @@ MOST_CAUSES, MOST_TOGETHER = 4, 8
 """Largest number of causes that are found one by one, and that are left of all effects together."""
 POOL = 60  # Number of effects that are tried all together
 WORTH_A_LOOK = 5.0  # Evidence that a hypothesis has to gain by its columns to be compared closely, nats
-STRETCHED = 3.0  # Standard deviations from nominal at which a tolerance may be a cause
 SHORTLIST, ALIKE, CLOSELY = 10, 2, 3
 """Sets that are compared by their columns in each round, of one effect, and by replays."""
 LIKELY = 0.5  # Share of the gain of the best set that another has to have by its columns to be replayed
@@ -104,9 +104,11 @@ class Found:
 
     def scatter(self, member: int) -> float:
         """How much more the numbers of a member differ over the logs than they should."""
-        ends = self.point.nuisances + np.cumsum([0, *(len(h.parameters) for h in self.members)])
-        numbers = range(ends[member], ends[member + 1])
-        return self.point.evidence.scatter(*self.point.priors(), numbers)
+        return self.point.evidence.scatter(*self.point.priors(), self.point.nuisances + self.at(member))
+
+    def at(self, member: int) -> np.ndarray:
+        """Indices of a member's numbers among those of the set."""
+        return split_numbers(self.members, np.arange(len(self.numbers)))[member]
 
     def number_at(self, hypothesis: Hypothesis) -> np.ndarray:
         """Numbers of an effect at one place: those of the member that acts there, or nominal."""
@@ -141,8 +143,7 @@ class Found:
 def candidate_of(found: Found, order: Sequence[int] | None = None) -> Candidate:
     """A set as a candidate, with its members in some order."""
     members = range(len(found.members)) if order is None else order
-    ends = np.cumsum([0, *(len(h.parameters) for h in found.members)])
-    at = [i for m in members for i in range(ends[m], ends[m + 1])]
+    at = [i for m in members for i in found.at(m)]
     hypotheses = tuple(found.members[m] for m in members)
     numbers = clip_numbers(hypotheses, found.numbers[at])
     folds = np.array([clip_numbers(hypotheses, own[at]) for own in found.fold_numbers])
@@ -246,10 +247,13 @@ class Search:
     def by_columns(self, now: Found) -> list[Found]:
         """The set with one effect more, the likeliest by columns and by replays far from nominal."""
         worth = [*stretched(now.point), *(h for gain, h in self.screened(now) if gain > WORTH_A_LOOK)]
-        worth = [h for h in worth if h.name not in self.left_out]
-        linear = [self.judge(now.point, [h]) for h in few_of_each(worth, ALIKE)[:SHORTLIST]]
+        linear = [self.judge(now.point, [h]) for h in self.few_of_each(worth, ALIKE)[:SHORTLIST]]
         linear.sort(key=lambda one: -one.worth)
         return self.promising(now, linear)
+
+    def few_of_each(self, hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]:
+        """The hypotheses that are looked for in their order, at most so many of one effect."""
+        return few_of_each([h for h in hypotheses if h.name not in self.left_out], most)
 
     def screened(self, now: Found) -> list[tuple[float, Hypothesis]]:
         """Further hypotheses by ``screen``.
@@ -356,8 +360,7 @@ class Search:
             gains += [(float(gain), *one, float(own)) for gain, one, own in zip(of_each, found, times, strict=True)]
         gains.sort(key=lambda one: -one[0])
         best = {h.label: (h, numbers, times) for gain, h, numbers, times in reversed(gains) if gain > WORTH_A_LOOK}
-        likely = [h for gain, h, *_ in gains if gain > WORTH_A_LOOK and h.name not in self.left_out]
-        few = few_of_each(likely, 2 * ALIKE)
+        few = self.few_of_each([h for gain, h, *_ in gains if gain > WORTH_A_LOOK], 2 * ALIKE)
         labels = list(dict.fromkeys(h.label for h in few))[:SHORTLIST]
         return [
             ((h, numbers), (h, h.near(h.nominal + times * (numbers - h.nominal), numbers)))
@@ -369,7 +372,7 @@ class Search:
 
         Contacts are far from linear: a foot that sinks in further meets the ground earlier.
         """
-        known, found = {h.name for h in now.members}, []
+        known, found = {*self.left_out, *(h.name for h in now.members)}, []
         for h in self.bench.hypotheses if self.bench.robot.stands else ():
             if h.location != "all" or h.name in known or not changes_contacts(h):
                 continue
@@ -477,7 +480,7 @@ class Search:
         acting, known = on_logs(now.point.intervals, now.point.acting), {h.name for h in now.members}
         moving = [h for h in self.bench.hypotheses if moves_feet(h) and h.name not in known]
         near = {h: numbers for gain, h, numbers in self.feet.numbers(acting, moving) if gain > SOME}
-        tried = few_of_each([*near], ALIKE)[:TRIED]
+        tried = self.few_of_each([*near], ALIKE)[:TRIED]
         sets = [(*now.point.acting, (h, self.feet.numbers_about(acting, h, near[h])[1])) for h in tried]
         trials = list(zip(self.glances(self.part(now.point), now.point.acting, sets), sets, strict=True))
         trials.sort(key=lambda pair: -pair[0])
@@ -512,8 +515,7 @@ class Search:
 
     def in_place_of(self, found: Found, member: int) -> list[Found]:
         """The set with the likeliest effects by their columns in place of a member, which is taken back to nominal."""
-        others = [h for _, h in screen(found.point, [member], again=True) if h.name not in self.left_out]
-        likely = few_of_each(others, ALIKE)[:SHORTLIST]
+        likely = self.few_of_each([h for _, h in screen(found.point, [member], again=True)], ALIKE)[:SHORTLIST]
         return sorted((self.judge(found.point, [h], [member]) for h in likely), key=lambda one: -one.evidence)
 
     def without_idle(self, found: Found) -> Found:
@@ -537,96 +539,11 @@ class Search:
         return found
 
 
-@dataclass(frozen=True)
-class Projection:
-    """What further columns have to do with the errors of a point beyond its nuisances and its own numbers."""
-
-    blocks: Blocks
-    levels: np.ndarray  # Index of the level of each block, (blocks,)
-    errors: np.ndarray  # (rows,), each block at its level
-    known: np.ndarray  # Columns of nuisances and numbers, times their prior deviations, (rows, known)
-
-    @staticmethod
-    def of(point: Point, deviation: np.ndarray, centre: np.ndarray) -> "Projection":
-        """By priors of what is known, as in ``Point.priors``."""
-        blocks, levels = point.basis.blocks, point.evidence.levels
-        stacked = blocks.at_levels(point.whitened, levels)
-        return Projection(blocks, levels, stacked[:, 0] - stacked[:, 1:] @ centre, stacked[:, 1:] * deviation)
-
-    @cached_property
-    def root(self) -> np.ndarray:
-        """Cholesky factor of what is known, (known, known)."""
-        return np.linalg.cholesky(np.eye(self.known.shape[1]) + self.known.T @ self.known)
-
-    @cached_property
-    def explained(self) -> np.ndarray:
-        """Inner products of what is known with the errors, by ``root``, (known,)."""
-        return np.linalg.solve(self.root, self.known.T @ self.errors)
-
-    def of_columns(self, whitened: Whitened) -> tuple[np.ndarray, np.ndarray]:
-        """Inner products with the errors (columns,), and among each other (columns, columns), of what is left."""
-        columns = self.blocks.at_levels(whitened, self.levels)
-        cross = np.linalg.solve(self.root, self.known.T @ columns)
-        return columns.T @ self.errors - cross.T @ self.explained, columns.T @ columns - cross.T @ cross
-
-
 def lost_in_range(hypotheses: Sequence[Hypothesis], numbers: np.ndarray, covariance: np.ndarray) -> float:
     """Evidence that is lost where numbers by columns are held at the ends of their ranges, nats."""
     beyond = numbers - clip_numbers(hypotheses, numbers)
     out = np.flatnonzero(beyond)
     return float(0.5 * beyond[out] @ np.linalg.solve(covariance[np.ix_(out, out)], beyond[out]))
-
-
-def screen(point: Point, without: Sequence[int] = (), again: bool = False) -> list[tuple[float, Hypothesis]]:
-    """Evidence that each further hypothesis alone would gain at the levels as they are, nats, the best first.
-
-    In closed form: columns and errors less what the nuisances and the point's own numbers can do for them. Members
-    ``without`` are taken back to nominal, and others of their effect may take their place; ``again``: also beside them.
-    """
-    by_errors, by_each = Projection.of(point, *point.priors((), without)).of_columns(point.basis.whitened)
-    present = set() if again else {h.name for m, (h, _) in enumerate(point.acting) if m not in without}
-    same = {h.label for h, _ in point.acting}
-    found = []
-    for h in point.basis.hypotheses:
-        if h.name in present or h.label in same:
-            continue
-        size = prior_of(h)
-        part = np.zeros((len(by_errors), len(size)))
-        for k, own in enumerate(size):
-            part[point.basis.columns.at(h, k), k] = own
-        normal, slope = np.eye(len(size)) + part.T @ by_each @ part, part.T @ by_errors
-        allowed = (h.clip(h.nominal + np.linalg.solve(normal, slope) * size) - h.nominal) / size
-        gain = slope @ allowed - 0.5 * allowed @ normal @ allowed - 0.5 * np.linalg.slogdet(normal)[1]
-        found.append((float(gain), h))
-    return sorted(found, key=lambda pair: -pair[0])
-
-
-def stretched(point: Point) -> list[Hypothesis]:
-    """Hypotheses whose numbers are off by more than their tolerances allow, the furthest first.
-
-    As a tolerance such a number explains what is linear in it at the price of its prior alone, so that little is left
-    for it to gain as a cause. One number at several places counts by what these have in common.
-    """
-    mean = point.evidence.posterior(*point.priors()).mean[: point.nuisances]
-    departs = dict(zip(point.basis.nuisances.tolist(), mean / point.basis.deviation, strict=True))
-    found, present = [], {h.name for h, _ in point.acting}
-    for h in point.basis.hypotheses:
-        at = [point.basis.columns.at(h, k) for k in range(len(h.parameters))]
-        far = max(abs(sum(departs.get(i, 0.0) for i in own)) / np.sqrt(len(own)) for own in at)
-        if far > STRETCHED and h.name not in present:
-            found.append((far, h))
-    return [h for _, h in sorted(found, key=lambda pair: -pair[0])]
-
-
-def few_of_each(hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]:
-    """The hypotheses in their order, at most so many of one effect."""
-    seen: dict[str, int] = {}
-    found = []
-    for h in dict.fromkeys(hypotheses):
-        seen[h.name] = seen.get(h.name, 0) + 1
-        if seen[h.name] <= most:
-            found.append(h)
-    return found
 
 
 def changes_contacts(hypothesis: Hypothesis) -> bool:

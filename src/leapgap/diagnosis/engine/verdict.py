@@ -20,6 +20,7 @@ import numpy as np
 
 from leapgap.diagnosis.candidates import PLACES, Candidate, Undecided, clip_numbers, in_words, nominal_candidate
 from leapgap.diagnosis.candidates import Rival as OpenFit
+from leapgap.diagnosis.engine.screening import few_of_each, screen
 from leapgap.diagnosis.engine.search import (
     LEAST_GAIN,
     LEAST_SHARE,
@@ -28,8 +29,6 @@ from leapgap.diagnosis.engine.search import (
     Search,
     candidate_of,
     changes_contacts,
-    few_of_each,
-    screen,
 )
 from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks
 from leapgap.diagnosis.full_rollouts import FullRollouts
