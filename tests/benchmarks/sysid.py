@@ -15,6 +15,7 @@ import argparse
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -205,7 +206,7 @@ def main() -> None:
     arguments = parser.parse_args()
     robot = Robot.load()
     settings = read_config(Settings, OmegaConf.load("params.yaml").diagnose.settings, "diagnose.settings")
-    settings, iterations = (tiny(settings), 1) if arguments.tiny else (settings, MOST_ITERATIONS)
+    settings, iterations = (replace(tiny(settings), best=True), 1) if arguments.tiny else (settings, MOST_ITERATIONS)
     rows: list[dict[str, Any]] = []
     for case in chosen_cases()[:1] if arguments.tiny else chosen_cases():
         if not case.label.startswith(tuple(arguments.only)):
