@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,8 +11,8 @@ import pytest
 
 from leapgap.diagnosis.candidates import Candidate, Rival
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.experiment_forecast import LEAST_SHOWN, Forecast, Forecaster, Separation, largest_difference
-from leapgap.diagnosis.experiment_plans import Given, is_possible, repeated
+from leapgap.diagnosis.experiment_forecast import Forecast, Forecaster, Separation, largest_difference
+from leapgap.diagnosis.experiment_plans import Given, is_possible
 from leapgap.diagnosis.experiments import (
     Experiment,
     candidates_for,
@@ -184,33 +183,6 @@ def test_what_tolerances_of_the_model_could_do_does_not_count(rod: Robot) -> Non
     )
     assert sure is not None and unsure is not None
     assert unsure.least < sure.least
-
-
-def let_go(given: Given) -> Experiment:
-    """The rod is let go where it stands upright, so that errors alone decide when and to which side it falls."""
-
-    def make() -> list[Log]:
-        states = {"joint_pos/hinge": 0.0, "joint_vel/hinge": 0.0, "cmd_kp/hinge": 0.05, "cmd_kd/hinge": 0.0}
-        still = {name: np.full(len(given.logs[0]), value) for name, value in states.items()}
-        return [replace(plan, columns=dict(plan.columns) | still) for plan in repeated(given)]
-
-    return Experiment("let_go", {}, 0, "let it go", "let go", make)
-
-
-def test_whole_logs_that_errors_decide_do_not_show_the_answer(tmp_path: Path) -> None:
-    """A weak motor shows in swings of a rod that stands in gravity, and not where it is let go."""
-    upright = ROD.format(damping=0.0).replace('gravity="0 0 0"', 'gravity="-9.81 0 0"')
-    (tmp_path / "rod.xml").write_text(upright)
-    robot = Robot.load(tmp_path / "rod.xml")
-    logs = [swing(seed, GAIN, text=upright) for seed in range(3)]
-    judged, answer = JudgedLogs.of(logs, robot), fit(robot, TorqueGain, GAIN, 0.01)
-    tolerances = {"armature.inertia": 0.05, "leg_mass.scale": 0.005, "joint_damping.damping": 0.1}
-    whole = Forecaster(judged, Replayer(robot), Settings(tolerances=tolerances), "torque_gain", answer)
-    again, falling = repetition(whole.given), let_go(whole.given)
-    assert whole.closes(again) > 0.7
-    assert whole.least_closed == pytest.approx(LEAST_SHOWN * whole.closes(again))
-    assert whole.shows_answer(other_gains(whole.given, 0.7))
-    assert whole.closes(falling) < 0.2 and not whole.shows_answer(falling)
 
 
 def test_motions_alike_do_not_tell_what_the_logs_leave_open_but_by_their_number() -> None:

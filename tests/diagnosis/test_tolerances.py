@@ -8,7 +8,7 @@ import pytest
 from leapgap import effects
 from leapgap.diagnosis.candidates import nominal_candidate
 from leapgap.diagnosis.diagnose import diagnose
-from leapgap.diagnosis.experiment_forecast import errors_of, tolerance_effects, with_nuisances
+from leapgap.diagnosis.experiment_forecast import errors_of, with_nuisances
 from leapgap.diagnosis.hypotheses import Hypothesis, places, tolerance
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.settings import Settings
@@ -82,11 +82,3 @@ def test_a_nuisance_is_one_tolerance_of_a_change_of_its_place(robot: Robot, refe
         start, changed = errors_of(short, [(), (effects.effect(name, location=place, **{parameter: value}),)])
         assert np.abs(changed - start).max() > 0
         assert columns[:, :, 1 + number] == pytest.approx(size / by * (changed - start))
-
-
-def test_each_place_of_an_experiments_robot_is_off_by_a_draw_of_its_own(robot: Robot) -> None:
-    tolerances = {"leg_mass.scale": 0.03, "foot_friction.mu": 0.1}
-    off = tolerance_effects(robot, tolerances, iter([*range(len(robot.joints)), 2.0, -1.0, 0.0, 1.0]))
-    assert [one.values["scale"] for one in off[:3]] == pytest.approx([1.0, 1.03, 1.06])
-    assert [(one.name, one.location) for one in off[-4:]] == [("foot_friction", foot) for foot in robot.feet]
-    assert [one.values["mu"] for one in off[-4:]] == pytest.approx([0.96, 0.72, 0.8, 0.88])

@@ -1,12 +1,8 @@
-"""What an experiment would show, by simulating it: in short pieces, and in whole logs.
+"""What an experiment would show, by simulating it.
 
 The answer's robot makes each experiment in simulation. Its logs are cut to the short pieces that a diagnosis fits, and
 each rival is replayed in them. A rival may adapt its numbers as far as today's logs leave them open, and the model's
 tolerances may move too; what then remains of the difference is what a further diagnosis could see.
-
-Where feet slip, errors as small as the tolerances of the model take a robot elsewhere within a second, and a diagnosis
-finds a gap in whole logs that no cause closes. So an experiment is also made by robots that differ from the answer's as
-the model may differ from the real one, and its whole logs are judged as a further diagnosis would judge them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,14 +15,12 @@ from leapgap import effects
 from leapgap.diagnosis.candidates import Candidate, Rival, inward
 from leapgap.diagnosis.channels import displaced
 from leapgap.diagnosis.experiment_plans import Given, is_possible
-from leapgap.diagnosis.experiments import Experiment, repetition
-from leapgap.diagnosis.gap import candidate_squares
+from leapgap.diagnosis.experiments import Experiment
 from leapgap.diagnosis.hypotheses import Hypothesis, places, tolerance, usable
 from leapgap.diagnosis.judged_logs import JudgedLogs
 from leapgap.diagnosis.robust_least_squares import Products
 from leapgap.diagnosis.settings import Settings
 from leapgap.diagnosis.short_rollouts import FINE, Effects, ShortRollouts
-from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import Effect, overrides
 from leapgap.logs.log import Log
 from leapgap.logs.schema import BASE_QUATERNION
@@ -44,17 +38,6 @@ Robots of many degrees of freedom take fewer, so that pieces times degrees are a
 STEP = 0.1  # Step of finite differences, as a share of the moderate departure
 GENTLER_STEPS = 4  # Number of sizes in which each experiment is tried
 SENSOR_NOISE = {"imu_acc": 0.3, "foot_force": 5.0}  # Noise of a sensor that nobody has read yet, m/s² and N
-CONTACT_TIMES = (0.9, 1.1)
-"""Factors on the time constants of contacts of the robots that make whole logs, one robot each.
-
-Their other numbers are drawn within the tolerances of the model, and they are simulated by short steps.
-"""
-LEAST_SHOWN = 0.6
-"""The right answer must close this share of what it closes in the same motions, made again.
-
-A further diagnosis judges all logs together, and new ones that show much less of the answer hide what the others show.
-Jumps with other gains or blocks had 0.64 to 1.6; sines of a standing robot up to 0.1, and 0.5 where all joints swing
-fast."""
 
 
 @dataclass(frozen=True)
@@ -209,49 +192,6 @@ class Forecaster:
         before = np.linalg.pinv(self.answer.covariance)
         return np.sqrt(np.maximum(np.diag(np.linalg.pinv(before + told)), 0.0))
 
-    def shows_answer(self, experiment: Experiment) -> bool:
-        """Whether whole logs of an experiment show the answer about as well as those of the logged motions."""
-        return self.closes(experiment) >= self.least_closed
-
-    @cached_property
-    def least_closed(self) -> float:
-        """What the right answer must close: of what it closes in the same motions, made again by such robots."""
-        return LEAST_SHOWN * max(0.0, self.closes(repetition(self.given)))
-
-    def closes(self, experiment: Experiment) -> float:
-        """Share of the gap of an experiment's whole logs that the right answer closes, those of all robots together.
-
-        Below 0 where the nominal robot is nearer. Noise of the sensors stays part of the gap.
-        """
-        rng = np.random.default_rng(self.settings.seed)
-        before, after = np.sum([self.squares(experiment, time, rng) for time in CONTACT_TIMES], axis=0)
-        return float(1 - np.sqrt(after / before)) if before > 0 else 0.0
-
-    def squares(self, experiment: Experiment, contact_time: float, rng: np.random.Generator) -> np.ndarray:
-        """Sums of squares that the nominal robot and the right answer leave in one robot's logs, (2,).
-
-        Channels and their sizes are those of a diagnosis of these and the given logs together.
-        """
-        given = self.given.logs
-        made = self.whole_logs(self.plans(experiment), contact_time, rng)
-        every = JudgedLogs.of([*given, *made], self.robot)
-        judged = replace(every, whole=every.whole[len(given) :], states=every.states[len(given) :])
-        sets = [[own] * len(made) for own in ((), self.acting)]
-        return np.asarray(candidate_squares(judged, self.replayer, sets).sum(axis=1))
-
-    def whole_logs(self, plans: Sequence[Log], contact_time: float, rng: np.random.Generator) -> list[Log]:
-        """Noisy logs of plans by the answer's robot with errors within the tolerances, simulated by short steps.
-
-        The errors are none of effects that the answer has, and of a user's own.
-        """
-        draws = iter(rng.standard_normal, None)
-        off = tolerance_effects(self.robot, self.settings.tolerances, draws, self.answer.names)
-        acting = (*self.acting, *off, SimulationSettings(contact_time=contact_time))
-        replayer = self.replayer.with_steps(FINE * self.replayer.largest_step_s)
-        motions = replayer.motions([Rollout(plan, acting) for plan in plans])
-        logs = [self.measured(*both, self.replayer, rng) for both in zip(plans, motions, strict=True)]
-        return [replace(log, name=f"experiment_{k}") for k, log in enumerate(logs)]
-
 
 def errors_of(short: ShortRollouts, sets: list[Effects]) -> list[np.ndarray]:
     """Whitened errors of the pieces of all logs with several sets of effects, (pieces, values) each."""
@@ -330,15 +270,3 @@ def keeps_tolerance(kind: type[Effect], robot: Robot) -> bool:
     in place of the model's, and on held robots alone: in short pieces of jumps it would hide what acts slowly.
     """
     return not robot.has_free_base and all(own.nominal is not None for own in kind.declarations().values())
-
-
-def tolerance_effects(
-    robot: Robot, tolerances: Mapping[str, float], deviations: Iterator[float], without: Sequence[str] = ()
-) -> list[Effect]:
-    """One effect for each tolerance and single place, off by the next of some deviations; none of some names."""
-    found = []
-    for there, number, deviation in tolerated(robot, tolerances):
-        if there.name not in without:
-            off = np.eye(len(there.nominal))[number] * deviation * next(deviations)
-            found.append(there.on("", there.nominal + off))
-    return found

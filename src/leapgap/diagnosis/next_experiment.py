@@ -1,7 +1,7 @@
 """The next experiment: the one that would tell apart what these logs cannot, by forecasts of what each would show."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import groupby
 from operator import attrgetter
@@ -48,7 +48,7 @@ def entry_of(
 
     The experiment is None where none tells the causes apart, or none could be foretold. ``expected`` says what it would
     show for each rival, beside today's logs; ``tried`` every experiment that was foretold, with its smallest loss over
-    the rivals, and the share of the gap of its whole logs that the right answer would close, where that was asked for.
+    the rivals.
     """
     entry: Entry = {"sentence": sentence, "separates": list(separates)}
     if experiment is not None:
@@ -105,55 +105,44 @@ def separate(
 ) -> Entry:
     """The experiment that tells the open causes apart, whichever is true, or the statement that none does.
 
-    Experiments are foretold for the answer's robot, those of least effort first, until one of these tells enough. Whole
-    logs are made of those that tell the causes apart there; the most promising ones are foretold for the robots of the
-    rivals too. ``rival_share`` is the share of the resamples in which the likeliest rival is best today.
+    Experiments are foretold for the answer's robot, those of least effort first, until one of these tells enough; the
+    most promising ones are foretold for the robots of the rivals too. ``rival_share`` is the share of the resamples in
+    which the likeliest rival is best today.
     """
     answer, *others = by_truth
     today = answer.forecast(repetition(answer.given))
     least = today.least if today else 0.0
     enough, best = max(ENOUGH, LEAST_TIMES * least), None
     found: list[Forecast] = []
-    closes: dict[Experiment, float] = {}
     for _, alike in groupby(candidates_for(answer.given)[:MOST_CANDIDATES], key=attrgetter("cost")):
         found += forecasts_of(answer, list(alike), progress)
         telling = [one for one in found if tells_apart(one, least, rival_share)]
-        closes |= {one.experiment: answer.closes(one.experiment) for one in telling if one.experiment not in closes}
-        shown = [one for one in telling if closes[one.experiment] >= answer.least_closed]
-        best = best_for_all_truths(shown, closes, enough, others)
+        best = best_for_all_truths(telling, enough, others)
         if best is not None and best.least >= enough:
             break
-    tried = [
-        {"experiment": one.experiment.short, "least_loss": one.least}
-        | ({"closes": closes[one.experiment]} if one.experiment in closes else {})
-        for one in found
-    ]
+    tried = [{"experiment": one.experiment.short, "least_loss": one.least} for one in found]
     if best is None or not tells_apart(best, least, rival_share):
-        hidden = len(telling) - len(shown)
-        but = f"; {hidden} would in short segments, but whole logs of such motions hide the cause" if hidden else ""
         sentence = (
             f"{same_trace(names)}none of {len(found)} simulated experiments separates them beyond noise and the "
-            f"tolerances of the model{but}."
+            "tolerances of the model."
         )
         return entry_of(sentence, names, tried=tried)
     return proposal_of(names, best, today, tried)
 
 
-def best_for_all_truths(
-    shown: Sequence[Forecast], closes: Mapping[Experiment, float], enough: float, others: Sequence[Forecaster]
-) -> Forecast | None:
+def best_for_all_truths(telling: Sequence[Forecast], enough: float, others: Sequence[Forecaster]) -> Forecast | None:
     """The most promising forecast with the separations that it has where another cause is true; None without any.
 
-    Of those that tell ``enough`` the least effort comes first, and of equal effort what shows most of the answer.
+    Of those that tell ``enough`` the least effort comes first, and of equal effort what tells most.
     """
 
     def order(one: Forecast) -> tuple[bool, int, float]:
         tells = one.least >= enough
-        return not tells, one.experiment.cost * tells, -closes[one.experiment] if tells else -one.least
+        return not tells, one.experiment.cost * tells, -one.least
 
     floating = any(other.robot.has_free_base for other in others)
     best: Forecast | None = None
-    for one in sorted(shown, key=order)[: CHECKED_FLOATING if floating else CHECKED]:
+    for one in sorted(telling, key=order)[: CHECKED_FLOATING if floating else CHECKED]:
         of_all = with_other_truths(one, others)
         best = of_all if best is None or of_all.least > best.least else best
         if best.least >= enough:
@@ -244,9 +233,9 @@ def sharpen(forecaster: Forecaster, progress: Callable[[str], None]) -> Entry | 
     found = forecasts_of(forecaster, candidates_for(forecaster.given)[:MOST_CANDIDATES], progress)
     enough = [one for one in found if spread[which] >= SHRINKS * one.spread[which]]
     enough.sort(key=lambda one: (one.experiment.cost, one.spread[which]))
-    best = next((one for one in enough if forecaster.shows_answer(one.experiment)), None)
-    if best is None:
+    if not enough:
         return None
+    best = enough[0]
     labels = [(h.name, p) for h in answer.hypotheses for p in h.parameters]
     name, parameter = labels[which]
     unit = "" if parameter.unit == "1" else f" {parameter.unit}"
