@@ -12,7 +12,6 @@ from leapgap.logs.state import columns_of, motion_of
 from leapgap.robot.model import Robot
 from leapgap.robot.motion import Motion
 
-MOST_PLACES, MOST_PLACES_FLOATING = 3, 1  # Number of sets of joints that are moved by themselves
 MOST_LIMITED, BEYOND_RAD = 0.05, 0.02
 """Share of the rows in which a motor may be at its limit, and how far a joint may press into its stop, rad."""
 
@@ -73,9 +72,9 @@ class Given:
 
     @property
     def sine_places(self) -> list[tuple[str, ...]]:
-        """Sets of joints to move: those of the causes' places that are smaller than the robot, then all.
+        """Sets of joints to move: those of the first place of a cause that is smaller than the robot, then all.
 
-        Where a cause acts on the whole robot or at a foot, the first single joints or limbs stand for its place.
+        Where a cause acts on the whole robot or at a foot, the first single joint or limb stands for its place.
         """
         robot = self.robot
         singles = robot.joint_groups if robot.has_free_base and robot.joint_groups else self.joints
@@ -83,7 +82,7 @@ class Given:
         if len(at) < len(self.places) or not at or () in at:
             at += map(self.joints_at, singles)
         some = [joints for joints in dict.fromkeys(at) if joints not in ((), self.joints)]
-        return [*some[: MOST_PLACES_FLOATING if robot.has_free_base else MOST_PLACES], self.joints]
+        return [*some[:1], self.joints]
 
     def joints_at(self, location: str) -> tuple[str, ...]:
         """The commanded joints of a location."""

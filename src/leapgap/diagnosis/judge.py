@@ -235,7 +235,7 @@ class SearchBeside(Search):
         others: list[list[str]] = []
         while len(others) < MOST_CAUSES:
             worth = [h for gain, h in screen(found.point) if gain > LEAST_GAIN and self.is_free(h)]
-            linear = [self.judge(found.point, [h]) for h in few_of_each(worth, 2)[: 2 * CLOSELY]]
+            linear = self.judge_each(found.point, few_of_each(worth, 2)[: 2 * CLOSELY])
             tried = [one for one in self.promising(found, linear) if one.departs(-1)]
             best = max(tried, key=lambda one: one.worth, default=found)
             if best.worth <= found.worth:

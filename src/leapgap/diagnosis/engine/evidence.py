@@ -5,7 +5,7 @@ each N(0, its tolerance). With G = EᵀE and b = Eᵀe the evidence of any set, 
 closed form. Each block has the level of the force without a name that suits it best, given the set.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -94,15 +94,15 @@ class Evidence:
         return Evidence(blocks, gram, np.full(len(blocks.places), len(columns) // 2))
 
     @staticmethod
-    def of_each_error(blocks: Blocks, errors: Whitened, columns: Whitened, known: np.ndarray) -> "Iterator[Evidence]":
-        """Evidence of several errors, each beside the same columns, whose products are ``known``; one has 50 MB."""
-        cross, size = blocks.products(errors, columns), known.shape[2]
-        for k in range(errors[0].shape[3]):
-            gram = np.zeros((*known.shape[:2], 1 + size, 1 + size))
-            own = [of[..., k : k + 1] for of in errors]
-            gram[:, :, 1:, 1:], gram[:, :, :1, :1] = known, blocks.products(own, own)
-            gram[:, :, 0, 1:] = gram[:, :, 1:, 0] = cross[:, :, k]
-            yield Evidence(blocks, gram, np.full(len(blocks.places), len(errors) // 2))
+    def of_error(blocks: Blocks, own: Whitened, cross: np.ndarray, known: np.ndarray) -> "Evidence":
+        """Evidence of an error, one column, beside columns: products with these, ``cross``, and among them, ``known``.
+
+        (levels, blocks, columns) and (levels, blocks, columns, columns); it has 50 MB.
+        """
+        gram = np.zeros((*known.shape[:2], 1 + known.shape[2], 1 + known.shape[2]))
+        gram[:, :, 1:, 1:], gram[:, :, :1, :1] = known, blocks.products(own, own)
+        gram[:, :, 0, 1:] = gram[:, :, 1:, 0] = cross
+        return Evidence(blocks, gram, np.full(len(blocks.places), len(own) // 2))
 
     def extended(self, columns: Whitened, further: Whitened) -> "Evidence":
         """The same with further columns beside the errors and columns that it has, ``columns``."""

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import mujoco
 import mujoco.rollout
@@ -30,6 +30,7 @@ from leapgap.simulation.working_models import without_warnings
 
 Effects = tuple[Effect, ...]
 T = TypeVar("T")
+Result = TypeVar("Result")
 
 WITH_FORCE = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
 DIVERGED = 1e4
@@ -262,7 +263,7 @@ class Intervals:
         found = iter(self.each(tasks, lambda task: self.change(*task, transitions[task[0]])))
         return [[next(found) for _ in self.courses] for _ in sets]
 
-    def each(self, tasks: Sequence[T], function: Callable[[T], np.ndarray | Motion]) -> list[Any]:
+    def each(self, tasks: Sequence[T], function: Callable[[T], Result]) -> list[Result]:
         """Results of a function of each task, by all threads."""
         with ThreadPoolExecutor(self.replayer.threads) as pool:
             return list(pool.map(function, tasks))

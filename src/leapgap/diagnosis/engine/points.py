@@ -364,13 +364,17 @@ class Bench:
         """
         if not sets:
             return []
-        exactly = levels is not None
-        errors, basis = self.errors_of(near.intervals, near.basis, sets, exactly), near.basis
-        points = Evidence.of_each_error(basis.blocks, errors, basis.of_nuisances, basis.products)
+        errors, basis = self.errors_of(near.intervals, near.basis, sets, levels is not None), near.basis
+        cross = basis.blocks.products(errors, basis.of_nuisances)
         priors = basis.deviation, np.zeros(len(basis.deviation))
-        if levels is not None:
-            return [replace(one, levels=levels).posterior(*priors).evidence for one in points]
-        return [one.at_best_levels(*priors).posterior(*priors).evidence for one in points]
+
+        def of_set(k: int) -> float:
+            own = [of[..., k : k + 1] for of in errors]
+            found = Evidence.of_error(basis.blocks, own, cross[:, :, k], basis.products)
+            found = found.at_best_levels(*priors) if levels is None else replace(found, levels=levels)
+            return found.posterior(*priors).evidence
+
+        return near.intervals.each(range(len(sets)), of_set)
 
     def by_columns(self, near: Point, acting: Acting) -> Point:
         """The point of a robot with other effects or numbers, with the columns of its effects as they are near by."""

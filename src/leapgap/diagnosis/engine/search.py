@@ -247,7 +247,7 @@ class Search:
     def by_columns(self, now: Found) -> list[Found]:
         """The set with one effect more, the likeliest by columns and by replays far from nominal."""
         worth = [*stretched(now.point), *(h for gain, h in self.screened(now) if gain > WORTH_A_LOOK)]
-        linear = [self.judge(now.point, [h]) for h in self.few_of_each(worth, ALIKE)[:SHORTLIST]]
+        linear = self.judge_each(now.point, self.few_of_each(worth, ALIKE)[:SHORTLIST])
         linear.sort(key=lambda one: -one.worth)
         return self.promising(now, linear)
 
@@ -431,6 +431,10 @@ class Search:
         of_folds_at = at + np.array(folds)
         return Found(judged, members, own, spread, of_folds_at, whole.evidence - lost, held_out - lost)
 
+    def judge_each(self, point: Point, further: Sequence[Hypothesis], without: Sequence[int] = ()) -> list[Found]:
+        """What the logs say of a point's set with each of some further effects, by all threads."""
+        return self.bench.intervals.each(further, lambda h: self.judge(point, [h], without))
+
     def predicted(
         self, gram: np.ndarray, constant: float, nuisances: np.ndarray, rest: Posterior, whole: Posterior
     ) -> float:
@@ -516,7 +520,7 @@ class Search:
     def in_place_of(self, found: Found, member: int) -> list[Found]:
         """The set with the likeliest effects by their columns in place of a member, which is taken back to nominal."""
         likely = self.few_of_each([h for _, h in screen(found.point, [member], again=True)], ALIKE)[:SHORTLIST]
-        return sorted((self.judge(found.point, [h], [member]) for h in likely), key=lambda one: -one.evidence)
+        return sorted(self.judge_each(found.point, likely, [member]), key=lambda one: -one.evidence)
 
     def without_idle(self, found: Found) -> Found:
         """The set without members that the others have made needless."""
