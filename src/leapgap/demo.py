@@ -27,8 +27,8 @@ HIDDEN: tuple[dict[str, Any], ...] = (
     {"name": "joint_friction", "torque_nm": (1.0, 2.0)},
 )
 """Effects of which one is hidden, with the range of its value; at a drawn joint where it names no place."""
-LOGS = 4
-ROWS = 1000
+LOGS = 3
+ROWS = 600
 PERIOD_S = 0.001
 KP, KD = 100.0, 2.0  # gains of the joint PD, N·m/rad and N·m·s/rad
 STRETCH = 0.15  # mean share of the joint angles of the crouch that the legs are stretched by
@@ -57,7 +57,7 @@ class DemoRobot:
 
 
 def simulate(number: int) -> DemoRobot:
-    """The robot with this number: its hidden effect and four logs of 1 s at 1 kHz."""
+    """The robot with this number: its hidden effect and three logs of 0.6 s at 1 kHz."""
     if number < 0:
         raise InputError("--number", str(number), "0 or a larger whole number", "leave it out for the default")
     robot, rng = Robot.load(), np.random.default_rng(number)
