@@ -38,6 +38,9 @@ WORTH_A_LOOK = 5.0  # Evidence that a hypothesis has to gain by its columns to b
 SHORTLIST, ALIKE, CLOSELY = 10, 2, 3
 """Sets that are compared by their columns in each round, of one effect, and by replays."""
 LIKELY = 0.5  # Share of the gain of the best set that another has to have by its columns to be replayed
+HALF = 0.5
+"""A set that leaves a larger share without a name is no answer: of the evidence, and of the gap of whole logs too where
+the robot stands on no feet."""
 TRIED = 12  # Number of effects that are replayed because they bring feet to the ground
 FACTORS = (0.5, 0.8, 1.25, 2.0)  # Times nominal at which effects of contacts are tried
 CONTACTS = (("other_cone", 1.0), ("friction_impedance", 0.1))
@@ -188,11 +191,12 @@ class Search:
     def steady(self, start: Found, found: Found) -> Found:
         """A set with others in place of members that stand in for what repeats itself, and so differ over the logs.
 
-        Of sets that gain more than stays without a name: the others are no answer.
+        Of sets of which at most half stays without a name: the others are no answer.
         """
         search = self
         while found.unexplained and len(found.members) > 1:
-            if found.predictive - start.predictive <= found.missing:
+            closure = None if self.gap is None else self.gap.closure_value(*self.gap.squares([candidate_of(found)]))
+            if left_unnamed(start, found, closure) > HALF:
                 break
             members = range(len(found.members))
             sure = [found.loss(m) / found.scatter(m) / len(found.members[m].parameters) for m in members]
@@ -541,6 +545,16 @@ class Search:
             self.progress(f"without {found.members[least].label}")
             found = fewer
         return found
+
+
+def left_unnamed(start: Found, found: Found, closure: float | None) -> float:
+    """Share of what is to be explained that a set leaves without a name, where something unknown acts.
+
+    Of the evidence, or of the gap of whole logs where that is less; None for ``closure`` where whole logs are chaotic.
+    """
+    gained, missing = max(found.predictive - start.predictive, 0.0), max(found.missing, 0.0)
+    share = missing / (gained + missing) if missing else 0.0
+    return share if closure is None else float(np.clip(1 - closure, 0.0, share))
 
 
 def lost_in_range(hypotheses: Sequence[Hypothesis], numbers: np.ndarray, covariance: np.ndarray) -> float:

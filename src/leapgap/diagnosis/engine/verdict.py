@@ -22,6 +22,7 @@ from leapgap.diagnosis.candidates import PLACES, Candidate, Undecided, clip_numb
 from leapgap.diagnosis.candidates import Rival as OpenFit
 from leapgap.diagnosis.engine.screening import few_of_each, screen
 from leapgap.diagnosis.engine.search import (
+    HALF,
     LEAST_GAIN,
     LEAST_SHARE,
     UNNAMED,
@@ -29,6 +30,7 @@ from leapgap.diagnosis.engine.search import (
     Search,
     candidate_of,
     changes_contacts,
+    left_unnamed,
 )
 from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks
 from leapgap.diagnosis.full_rollouts import FullRollouts
@@ -44,9 +46,6 @@ SURE = 0.95  # Share of the resamples of logs in which numbers by whole logs hav
 FOLLOWED_S = 6 * CORRELATION_S  # Time after a push in which a filter without a force has still to follow, s
 APART = LEAST_GAIN  # Evidence by which the likeliest other set must be worse for a cause to be told apart, nats: d₀
 AROUND = (-0.2, -0.13, -0.07, 0.0, 0.07, 0.13, 0.2)  # Shares of a departure from nominal by which it is moved
-HALF = 0.5
-"""A set that leaves a larger share without a name is no answer: of the evidence, and of the gap of whole logs too where
-the robot stands on no feet."""
 
 
 @dataclass(frozen=True)
@@ -157,12 +156,10 @@ def conclude(search: Search, start: Found, found: Found, gap: HeldOutGap) -> Jud
         steps[-1] = by_parabolas(steps[-1], search, found, gap) if on_feet else by_whole_logs(steps[-1], gap)
     gap.replays(steps[-1:])  # all rows at once: the report shows them
     (figures,), (judged,) = (own.figures(steps[-1:]) for own in (gap, exact))
-    gained, missing = found.predictive - start.predictive, 0.0 if explained else max(found.missing, 0.0)
-    numbers = Numbers(gained, u, before, float(d), figures.closure.value, blocks)
+    gained, closure = found.predictive - start.predictive, figures.closure.value
+    numbers = Numbers(gained, u, before, float(d), closure, blocks)
     # What stays without a name may make up for as large a share of a cause as of all that is to be explained.
-    unnamed = missing / (max(gained, 0.0) + missing) if missing else 0.0
-    if not on_feet:
-        unnamed = float(np.clip(1 - figures.closure.value, 0.0, unnamed))
+    unnamed = 0.0 if explained else left_unnamed(start, found, None if on_feet else closure)
     apart = [max(APART, unnamed * losses[m]) for m in order]
     near = [[rival for rival in own if rival.loss < least] for own, least in zip(rivals, apart, strict=True)]
     answer = tuple(
