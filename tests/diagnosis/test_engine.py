@@ -2,6 +2,8 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import mujoco
 import numpy as np
@@ -16,7 +18,7 @@ from leapgap.diagnosis.engine.evidence import Blocks, Evidence, posterior_of
 from leapgap.diagnosis.engine.intervals import Course, Intervals
 from leapgap.diagnosis.engine.points import otherwise_integrated
 from leapgap.diagnosis.engine.responses import Columns, Displacements
-from leapgap.diagnosis.engine.search import lost_in_range
+from leapgap.diagnosis.engine.search import Found, left_unnamed, lost_in_range
 from leapgap.diagnosis.engine.whitening import CORRELATION_S, Chunks, Filter, linearise, touching
 from leapgap.diagnosis.hypotheses import list_hypotheses
 from leapgap.diagnosis.judged_logs import JudgedLogs
@@ -95,6 +97,24 @@ def test_a_number_that_differs_between_segments_scatters(differs: float, ratio: 
     evidence = Evidence.of(blocks, whitened, np.zeros((1, segments, 0, 0)))
     scatter = evidence.scatter(np.full(2, 100.0), np.zeros(2), np.array([0]))
     assert scatter == pytest.approx(ratio, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("gained", "missing", "closure", "share"),
+    [
+        (300.0, 100.0, None, 0.25),  # on feet: of the evidence alone
+        (300.0, 100.0, 0.9, 0.1),  # of the gap of whole logs, where that is less
+        (300.0, 100.0, 0.2, 0.25),
+        (300.0, 100.0, 1.2, 0.0),
+        (-50.0, 100.0, None, 1.0),
+        (300.0, -20.0, 0.2, 0.0),
+    ],
+)
+def test_what_a_set_leaves_is_a_share_of_the_evidence_or_of_the_gap(
+    gained: float, missing: float, closure: float | None, share: float
+) -> None:
+    start, found = SimpleNamespace(predictive=7.0), SimpleNamespace(predictive=7.0 + gained, missing=missing)
+    assert left_unnamed(cast(Found, start), cast(Found, found), closure) == pytest.approx(share)
 
 
 @pytest.fixture(scope="module")
