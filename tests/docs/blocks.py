@@ -171,8 +171,13 @@ def run_python(block: Block, names: dict[str, Any], folder: Path) -> str:
     return printed.getvalue()
 
 
-def run_shell(block: Block, folder: Path, environment: dict[str, str], seconds: float = SECONDS) -> str:
-    """Run by bash, stopping at the first command that fails, and return what was printed."""
+def run_shell(
+    block: Block, folder: Path, environment: dict[str, str], seconds: float = SECONDS, hangs: float = HANGS
+) -> str:
+    """Run by bash, stopping at the first command that fails, and return what was printed.
+
+    It may take so many ``seconds`` of all cores, and as many times that by the clock as ``hangs`` says.
+    """
     limited = f"ulimit -S -t {round(CORES * seconds)}\n{block.code}"
     try:
         done = subprocess.run(
@@ -182,10 +187,10 @@ def run_shell(block: Block, folder: Path, environment: dict[str, str], seconds: 
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
-            timeout=HANGS * seconds,
+            timeout=hangs * seconds,
         )
     except subprocess.TimeoutExpired:
-        raise BlockError(f"{block.place}: shell block hangs: not done in {HANGS * seconds} s") from None
+        raise BlockError(f"{block.place}: shell block hangs: not done in {hangs * seconds} s") from None
     if done.returncode in TOO_LONG:
         raise BlockError(f"{block.place}: shell block takes longer than {seconds} s on {CORES} cores")
     if done.returncode != 0:

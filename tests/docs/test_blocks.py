@@ -75,16 +75,16 @@ def test_a_shell_block_fails_with_any_of_its_commands(code: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("code", "message"),
+    ("code", "hangs", "message"),
     [
-        ("python -c 'while True: pass'", "page.md:1: shell block takes longer than 1 s on 2 cores"),
-        ("sleep 60", "page.md:1: shell block hangs: not done in 3 s"),
+        ("python -c 'while True: pass'", 60, "page.md:1: shell block takes longer than 1 s on 2 cores"),
+        ("sleep 60", 3, "page.md:1: shell block hangs: not done in 3 s"),
     ],
 )
-def test_a_block_for_which_no_reader_would_wait_fails(code: str, message: str, tmp_path: Path) -> None:
+def test_a_block_for_which_no_reader_would_wait_fails(code: str, hangs: float, message: str, tmp_path: Path) -> None:
     (block,) = blocks("page.md", code_block("sh", code))
     with pytest.raises(BlockError) as caught:
-        run_shell(block, tmp_path, dict(os.environ), seconds=1)
+        run_shell(block, tmp_path, dict(os.environ), seconds=1, hangs=hangs)
     assert str(caught.value) == message
 
 
