@@ -57,12 +57,10 @@ PERIOD_S, KP, KD, GAIN = 0.002, 20.0, 1.0, 0.8
 ANGLE_NOISE, SPEED_NOISE = 3e-4, 1e-2
 
 
-def swing(
-    seed: int, gain: float = 1.0, damping: float = 0.0, triangle: bool = False, rows: int = 800, text: str = ROD
-) -> Log:
+def swing(seed: int, gain: float = 1.0, damping: float = 0.0, triangle: bool = False, rows: int = 800) -> Log:
     """A log by plain MuJoCo of a joint PD that a motor scales by ``gain``; sines, or a triangle of constant speed."""
     rng = np.random.default_rng(seed)
-    model = mujoco.MjModel.from_xml_string(text.format(damping=damping))
+    model = mujoco.MjModel.from_xml_string(ROD.format(damping=damping))
     data, time = mujoco.MjData(model), np.arange(rows) * PERIOD_S
     rate = 1.0 + 0.2 * seed
     wanted = 0.5 * np.sin(2 * np.pi * rate * time)
