@@ -72,11 +72,14 @@ class Hypothesis:
     def ladder(self) -> list[np.ndarray]:
         """Numbers far from nominal, one number at a time, on the way to the ends of its range.
 
-        Each is a few times as far from nominal as the last, or nearer to zero where a factor goes there.
+        Each is a few times as far from nominal as the last. On the way to zero, where a factor goes there, they are
+        twice as close: a limit (of a torque, of a rate) shows from one number on, and soon nothing is left of a motion.
         """
         (nominal,), (moderate,), (lower,), (upper,) = self.nominal, np.abs(self.moderate), *self.bounds
         found = [nominal + side * moderate * STEP**k for side in (-1, 1) for k in range(1, RUNGS)]
-        found += [(nominal - moderate) / STEP**k for k in range(RUNGS) if 0 < lower < nominal - moderate]
+        found += [
+            (nominal - moderate) / STEP ** (k / 2) for k in range(2 * RUNGS - 1) if 0 < lower < nominal - moderate
+        ]
         return [np.array([own]) for own in found if lower < own < upper]
 
     def on(self, log: str, numbers: np.ndarray) -> Effect:

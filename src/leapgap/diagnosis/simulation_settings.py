@@ -22,7 +22,6 @@ class SimulationSettings(Effect):
     friction_impedance: float = 1.0  # Factor on ``impratio``, which stays at least 1
     slack: float = 1.0  # Factor on one minus the impedances of all contacts (``solimp``)
     width: float = 1.0  # Factor on the depth over which that impedance rises
-    contact_time: float = 1.0  # Factor on the time constants of all contacts (``solref``)
 
     def change_model(self, model: mujoco.MjModel, robot: Robot) -> None:
         """Put the settings into a model."""
@@ -32,11 +31,9 @@ class SimulationSettings(Effect):
             pyramid = model.opt.cone == int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
             model.opt.cone = int(mujoco.mjtCone.mjCONE_ELLIPTIC if pyramid else mujoco.mjtCone.mjCONE_PYRAMIDAL)
         model.opt.impratio = max(1.0, model.opt.impratio * self.friction_impedance)
-        for solimp, solref in ((model.geom_solimp, model.geom_solref), (model.pair_solimp, model.pair_solref)):
+        for solimp in (model.geom_solimp, model.pair_solimp):
             solimp[:, :2] = 1 - np.clip((1 - solimp[:, :2]) * self.slack, 1e-4, 0.9999)
             solimp[:, 2] *= self.width
-            standard = solref[:, 0] > 0
-            solref[standard, 0] *= self.contact_time
 
     def has(self, name: str) -> bool:
         """Whether a setting is changed."""

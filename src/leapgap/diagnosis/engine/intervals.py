@@ -5,6 +5,7 @@ interval is what the model lacks there. Effects change that by amounts that are 
 All states are as the log reports them: what acts in the sensors alone is a change of the reported state.
 """
 
+import math
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -17,7 +18,7 @@ import mujoco.rollout
 import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
-from leapgap.diagnosis.short_rollouts import FINE, StateChannels, smooth_starts
+from leapgap.diagnosis.short_rollouts import StateChannels, smooth_starts
 from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import ACTING, Effect, overrides, overriding
 from leapgap.logs.log import Log
@@ -39,6 +40,7 @@ SEGMENT, LEAST_SEGMENT = 64, 16  # Largest number of intervals of a segment, and
 MOST_S, MOST_WITH_FEET_S = 12.0, 6.0
 """About how much is kept of all logs together, s; replays of a robot with feet take longer."""
 ENDS = 0.05  # Share of a log's motion at its ends within which the first and the last of its segments lie
+SHORT = 0.505  # Largest step where a foot meets the ground or leaves it, as a share of the usual one
 LONG = 1.25  # Intervals of more steps than this many times those of the shortest are replayed apart
 MEMORY = 4
 """Number of intervals that a replay with states of its own (a lag, an elastic gear) lasts after its first one."""
@@ -82,6 +84,7 @@ class Course:
     rows: np.ndarray  # Rows of the instants, (instants,)
     reference: Motion  # States at the instants, as reported
     noise: np.ndarray  # Standard deviation of the sensor noise of each channel at the instants, (instants, channels)
+    lengths_s: np.ndarray  # Length of each interval, to 1 ns as in time stamps, s, (intervals,)
     close: np.ndarray
     """Intervals that are replayed by short steps: a foot meets the ground or leaves it, bool (intervals,)."""
 
@@ -93,15 +96,25 @@ class Course:
         reference = Motion.of_states(starts.states, channels.robot.model.nq)
         noise = channels.noise_in_rows(states.motion, states.log)[rows]
         lengths = tuple(len(own) - 1 for own in segments)
-        return Course(states, lengths, rows, reference, noise, np.zeros(sum(lengths), bool))
+        lasting = np.concatenate([np.round(np.diff(states.log.time[own]), 9) for own in segments])
+        return Course(states, lengths, rows, reference, noise, lasting, np.zeros(sum(lengths), bool))
 
     def part(self, chosen: np.ndarray) -> "Course":
         """Some of the segments, bool (segments,)."""
         lengths = np.array(self.segments)
         instants = np.repeat(chosen, lengths + 1)
         segments, reference = tuple(lengths[chosen].tolist()), self.reference[np.flatnonzero(instants)]
-        rows, noise, close = self.rows[instants], self.noise[instants], self.close[np.repeat(chosen, lengths)]
-        return replace(self, segments=segments, rows=rows, reference=reference, noise=noise, close=close)
+        rows, noise, within = self.rows[instants], self.noise[instants], np.repeat(chosen, lengths)
+        return Course(self.states, segments, rows, reference, noise, self.lengths_s[within], self.close[within])
+
+    def for_steps(self, largest_step_s: float) -> "Course":
+        """The same intervals with rows as far apart as a step of the simulation, of an even log."""
+        log = self.states.log
+        step = round(largest_step_s / log.info.sample_period_s) if log.is_even else 1
+        rows = math.gcd(*self.rows.tolist(), max(1, step))
+        motion, deviation = self.states.motion[::rows], self.states.deviation[::rows]
+        states = replace(self.states, log=log.downsample(rows), motion=motion, deviation=deviation)
+        return replace(self, states=states, rows=self.rows // rows)
 
     @property
     def intervals(self) -> int:
@@ -113,12 +126,6 @@ class Course:
         """Instant at which each interval begins; it ends at the next one, (intervals,)."""
         lengths = np.array(self.segments)
         return np.arange(self.intervals) + np.repeat(np.arange(len(lengths)), lengths)
-
-    @cached_property
-    def lengths_s(self) -> np.ndarray:
-        """Length of each interval, to 1 ns as in time stamps, s, (intervals,)."""
-        instants = self.states.log.time[self.rows]
-        return np.round(instants[self.begins + 1] - instants[self.begins], 9)
 
     def rows_within(self, which: np.ndarray) -> tuple[np.ndarray, "Shares"]:
         """The rows of some intervals, one after the other, and their shares in these."""
@@ -211,10 +218,9 @@ class Intervals:
         courses = tuple(replace(own, close=new) for own, new in zip(self.courses, close, strict=True))
         return replace(self, courses=courses)
 
-    @property
-    def by_short_steps(self) -> "Intervals":
-        """The intervals by short steps of the simulation."""
-        return replace(self, replayer=self.replayer.with_steps(FINE * self.replayer.largest_step_s))
+    def by_steps(self, share: float) -> "Intervals":
+        """The intervals by other steps of the simulation, as a share of the largest."""
+        return replace(self, replayer=self.replayer.with_steps(share * self.replayer.largest_step_s))
 
     @cached_property
     def predicted(self) -> list[Motion]:
@@ -312,7 +318,7 @@ class Intervals:
     def _by_own_steps(self, log: int, effects: Effects, starts: np.ndarray) -> Motion:
         """True states at the end of every interval, from true states at its beginning, by the steps of each."""
         close = self.courses[log].close
-        parts = [(self, np.flatnonzero(~close)), (self.by_short_steps, np.flatnonzero(close))]
+        parts = [(self, np.flatnonzero(~close)), (self.by_steps(SHORT), np.flatnonzero(close))]
         with ExitStack() as stack:
             prepared = [
                 (own.prepare(log, effects, stack.enter_context(Models(own.replayer))), which)

@@ -14,6 +14,7 @@ from leapgap.diagnosis.engine.intervals import Effects, Intervals
 from leapgap.diagnosis.engine.responses import Columns, Linearisation, late_feedback, rough_steps, shared
 from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
 from leapgap.diagnosis.hypotheses import Hypothesis, places, tolerance, usable
+from leapgap.diagnosis.short_rollouts import FINE
 from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import Effect, overrides
 from leapgap.logs.state import States
@@ -162,11 +163,11 @@ class Point:
             centre += [0.0] * len(h.parameters)
         return np.array(deviation), np.array(centre)
 
-    def evidence_with(self, further: Sequence[Hypothesis]) -> Evidence:
-        """Evidence with the columns of further effects, by this linearisation."""
+    def evidence_with(self, further: Sequence[Hypothesis], whitened: Whitened | None = None) -> Evidence:
+        """Evidence with the columns of further effects, by this linearisation; ``whitened`` where they are made."""
         if not further:
             return self.evidence
-        return self.evidence.extended(self.whitened, self.basis.of_hypotheses(further))
+        return self.evidence.extended(whitened or self.whitened, self.basis.of_hypotheses(further))
 
 
 @dataclass(frozen=True)
@@ -295,7 +296,7 @@ class Bench:
         late: damping of kp times half a step that no robot has.
         """
         none = [np.zeros_like(own.close) for own in intervals.courses]
-        pairs = zip(intervals.by_short_steps.with_close(none).predicted, intervals.predicted, strict=True)
+        pairs = zip(intervals.by_steps(FINE).with_close(none).predicted, intervals.predicted, strict=True)
         found = [[tangent_difference(a, b, self.robot)] for a, b in pairs]
         if self.robot.stands:
             sets = [[(*own, other) for own in intervals.acting] for other in self.otherwise]
@@ -357,14 +358,17 @@ class Bench:
             stacked = chunks.stack([np.stack([own[log] for own in columns], axis=2) for log in range(len(logs))])
             yield found, [-own.whiten(stacked) for own in near.basis.filters]
 
-    def glances(self, near: Point, sets: Sequence[Acting], levels: np.ndarray | None = None) -> list[float]:
+    def glances(
+        self, near: Point, sets: Sequence[Acting], levels: np.ndarray | None = None, exactly: bool = False
+    ) -> list[float]:
         """Evidence of robots with some effects at just these numbers, nats, without columns of their effects.
 
-        They are followed side by side; each block at its best level, or, exactly, at ``levels`` if these are given.
+        They are followed side by side, ``exactly`` or by long steps, whose error cancels where sets are compared; each
+        block at its best level, or at ``levels`` if these are given.
         """
         if not sets:
             return []
-        errors, basis = self.errors_of(near.intervals, near.basis, sets, levels is not None), near.basis
+        errors, basis = self.errors_of(near.intervals, near.basis, sets, exactly), near.basis
         cross = basis.blocks.products(errors, basis.of_nuisances)
         priors = basis.deviation, np.zeros(len(basis.deviation))
 
@@ -441,6 +445,7 @@ class Bench:
         ``exactly``: by replays without the force, beside those that follow the logs; else by these alone, less what the
         force does by its linearisation, which is enough to compare sets at a glance.
         """
+        near = near if exactly else rough_steps(near)
         of, count = basis.linearisation, len(sets)
         acting = tuple(effects for own in sets for effects in on_logs(near, own))
         many = replace(near, courses=near.courses * count, acting=acting, residual=None)

@@ -13,7 +13,7 @@ from operator import itemgetter
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate, clip_numbers, split_numbers
-from leapgap.diagnosis.engine.evidence import Posterior, posterior_of, predictive
+from leapgap.diagnosis.engine.evidence import Posterior, Whitened, posterior_of, predictive
 from leapgap.diagnosis.engine.planted import Planted
 from leapgap.diagnosis.engine.points import Acting, Bench, Point, meets_ground, on_logs
 from leapgap.diagnosis.engine.pruning import needed
@@ -417,10 +417,16 @@ class Search:
         self.progress(f"contacts by {best.simulation[0].in_words}: unexplained {now.unnamed:.0f} to {best.unnamed:.0f}")
         return best
 
-    def judge(self, point: Point, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> Found:
+    def judge(
+        self,
+        point: Point,
+        further: Sequence[Hypothesis] = (),
+        without: Sequence[int] = (),
+        whitened: Whitened | None = None,
+    ) -> Found:
         """What the logs say of a point's set, and further effects, with the levels that suit it."""
         priors, first = point.priors(further, without), point.nuisances
-        evidence = point.evidence_with(further).at_best_levels(*priors)
+        evidence = point.evidence_with(further, whitened).at_best_levels(*priors)
         whole = evidence.posterior(*priors)
         at = np.concatenate([np.zeros(0), *(n for _, n in point.acting), *(h.nominal for h in further)])
         members = (*(h for h, _ in point.acting), *further)
@@ -437,7 +443,8 @@ class Search:
 
     def judge_each(self, point: Point, further: Sequence[Hypothesis], without: Sequence[int] = ()) -> list[Found]:
         """What the logs say of a point's set with each of some further effects, by all threads."""
-        return self.bench.intervals.each(further, lambda h: self.judge(point, [h], without))
+        whitened = point.whitened
+        return self.bench.intervals.each(further, lambda h: self.judge(point, [h], without, whitened))
 
     def predicted(
         self, gram: np.ndarray, constant: float, nuisances: np.ndarray, rest: Posterior, whole: Posterior
@@ -476,9 +483,9 @@ class Search:
             gains += self.evidence_at(found, sets[2:])
         return others[int(np.argmax(gains))]
 
-    def evidence_at(self, found: Found, sets: Sequence[Acting]) -> list[float]:
-        """Evidence of a set at other numbers, exactly, each block at its level, nats."""
-        return self.bench.glances(found.point, sets, found.point.evidence.levels)
+    def evidence_at(self, found: Found, sets: Sequence[Acting], exactly: bool = False) -> list[float]:
+        """Evidence of a set at other numbers, each block at its level, nats; ``exactly`` as in ``Bench.glances``."""
+        return self.bench.glances(found.point, sets, found.point.evidence.levels, exactly)
 
     def planted(self, now: Found) -> list[Found]:
         """The set with one effect more by which feet that stand are on the ground, which columns tell little of.
