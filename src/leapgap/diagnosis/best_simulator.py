@@ -1,35 +1,30 @@
 """The best simulator: all effects fitted together, for prediction rather than causes.
 
 An answer names few causes, each of which the logs force upon us. What they leave is spread over many numbers, none of
-which stands out. Here all effects are fitted at once, drawn towards the nominal robot by their usual sizes, and what
-replays held-out logs best is kept: the answer, or one of the fits on the way. Numbers of such a fit make up for each
-other and for what the model lacks, so each of them says whether to believe it.
+which stands out. Here all effects take the mean of their posterior beside the answer, drawn towards the nominal robot
+by their usual sizes, and what replays held-out logs best is kept: the answer, or one of these fits. Numbers of such a
+fit make up for each other and for what the model lacks, so each of them says whether to believe it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from leapgap.diagnosis.candidates import Candidate
-from leapgap.diagnosis.evidence.base import Evidence
+from leapgap.diagnosis.engine.points import Acting, prior_of
+from leapgap.diagnosis.engine.search import Found, Search, candidate_of
 from leapgap.diagnosis.gap import SIGMAS, HeldOutGap, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis, parts_of, places
-from leapgap.diagnosis.joint_likelihood import JointLikelihood, Linearised, Numbers
-from leapgap.diagnosis.linear_fits import LinearFits, LinearModel, Weighting
-from leapgap.diagnosis.short_rollouts import ShortRollouts
+from leapgap.diagnosis.joint_likelihood import bounded_minimum
 from leapgap.effects.base import Effect
 
-JOINT = (Weighting(0.1, False), Weighting(1.0, False), Weighting(0.3, True), Weighting(1.0, True))
-"""Weightings of fits of all effects about the answer."""
-IN_PARTS = (Weighting(0.1, False), Weighting(0.5, False))
-"""Weightings of fits of effects at parts of the robot about the best of those."""
+DRAWN = (1.0, 0.3, 0.1)  # Shares of their prior deviations by which further numbers are drawn to nominal
+ROUNDS = 2  # Number of steps by columns as they are, and then by columns made anew, that lead to these fits
 HANDICAPS = (1.0, 1.02, 1.04)
 """Factors on the squares of the answer, of fits of all effects and of fits in parts: more numbers must help more."""
 LEAST_BETTER = 0.01  # A fit of all effects must close more of the gap of held-out logs than the answer by this share
-WORTH_A_STEP = 0.05  # All effects are fitted again where the best fit leaves a larger share of the gap
 LEAST_INFORMED = 0.5
 """The logs hardly determine a number of whose standard deviation beforehand they leave a larger share."""
 ALIKE = 0.9  # Correlation from which on two numbers do the same to the logs
@@ -104,110 +99,86 @@ class BestSimulator:
 
 
 @dataclass(frozen=True)
-class JointCandidate:
-    """A fit of all effects, with what it came from."""
+class FitOfAll:
+    """A fit of all effects."""
 
-    fits: LinearFits
-    weighting: Weighting
     candidate: Candidate
-    handicap: float  # Factor on its squares where candidates are compared
+    beforehand: np.ndarray  # Standard deviation of each number before any log, (numbers,)
+    handicap: float = HANDICAPS[1]  # Factor on its squares where candidates are compared
+
+
+def by_columns(search: Search, found: Found, names: Collection[str]) -> list[FitOfAll]:
+    """All effects with some ``names`` beside a set, by their columns: everywhere alike, then by parts of the robot.
+
+    Those with states of their own are left out: their columns hold near by alone.
+    """
+    further: Acting = tuple(
+        (h, h.nominal)
+        for h in search.bench.hypotheses
+        if h.location == "all" and h.name in names and not search.has_memory(h)
+        if not any(overlap(h, own) for own in found.members)
+    )
+    members, fits = found.acting, []
+    for handicap in HANDICAPS[1:]:
+        point, acting = found.point, (*members, *further)
+        for _ in range(ROUNDS):
+            point = search.bench.by_columns(point, acting)
+            acting = in_range(search.judge(point)).acting
+        for _ in range(0 if search.bench.robot.stands else ROUNDS):  # on feet that takes minutes
+            point = search.bench.moved(point.intervals, point.basis, acting)
+            acting = in_range(search.judge(point)).acting
+        beforehand, free = np.concatenate([np.zeros(0), *(prior_of(h) for h, _ in acting)]), search.judge(point)
+        for share in DRAWN:
+            drawn = search.judge(point, drawn=[*[1.0] * len(members), *[share] * (len(acting) - len(members))])
+            own = replace(candidate_of(in_range(drawn)), covariance=free.covariance)
+            fits.append(FitOfAll(own, beforehand, handicap))
+        members, further = in_parts(search, acting[: len(members)]), in_parts(search, acting[len(members) :])
+    return fits
+
+
+def in_range(found: Found) -> Found:
+    """A set at its likeliest numbers within their ranges: what others make of one that is held at an end."""
+    limits = np.array([np.concatenate([np.zeros(0), *(h.bounds[side] for h in found.members)]) for side in (0, 1)])
+    curvature, none = np.linalg.inv(found.covariance), np.zeros(len(found.numbers))
+    numbers, *folds = (
+        own + bounded_minimum(curvature, none, *limits - own) for own in (found.numbers, *found.fold_numbers)
+    )
+    return replace(found, numbers=numbers, fold_numbers=np.array(folds))
+
+
+def in_parts(search: Search, acting: Acting) -> Acting:
+    """The same effects at each part of the robot where they may differ between these."""
+    found: list[tuple[Hypothesis, np.ndarray]] = []
+    for h, numbers in acting:
+        wanted = parts_of(h.kind, h.robot) if h.per_log is None and h.location == "all" else ()
+        own = [one for one in search.bench.hypotheses if one.name == h.name and one.location in wanted]
+        found += [(one, one.clip(one.nominal + numbers - h.nominal)) for one in own or [h]]
+    return tuple(found)
 
 
 @dataclass(frozen=True)
 class BestFit:
-    """Fits all effects together about an answer, and keeps what replays held-out logs best."""
+    """Chooses among an answer and fits of all effects what replays held-out logs best."""
 
     heldout_gap: HeldOutGap
-    pieces: Callable[[], ShortRollouts]  # Short pieces of the logs; nobody asks where nothing is fitted
     answer: Candidate
-    hypotheses: Sequence[Hypothesis]
     model_error: float  # As in ``Settings``
-    told: Mapping[str, Evidence] = field(default_factory=dict)
-    """Evidence by the parameter that it tells; these numbers are held."""
-    joint: Linearised | None = None  # Where a joint fit of all effects has ended; None: it is made here
     progress: Callable[[str], None] = lambda _: None
-
-    def search(self) -> BestSimulator:
-        """Fit all effects about the answer, then again about the best of these fits, with numbers for each part.
-
-        Nothing is fitted where the answer leaves no gap, and not again where the first fits leave hardly any, or where
-        a joint fit has ended there already.
-        """
-        gap = self.heldout_gap
-        if not gap.has_gap or gap.closure_value(*gap.squares([self.answer])) > 1 - LEAST_BETTER:
-            return self.best([])
-        joint = self.joint or self.linearised(self.at_all_places(), whole=True)
-        model = self.linear_model(joint, self.is_named)
-        fits = candidates_of(LinearFits(joint.about, model, np.zeros(self.shape(joint))), JOINT, HANDICAPS[1])
-        squares = gap.squares([one.candidate for one in fits])
-        best = int(np.argmin([of.sum() for of in squares]))
-        if self.joint is None and gap.closure_value(squares[best]) < 1 - WORTH_A_STEP:
-            start = self.in_parts(fits[best].candidate)
-            again = self.linearised(start, whole=False)
-            expected = np.array([again.about.departs(x) for x in (start.numbers, *start.fold_numbers)])
-            model = self.linear_model(again, lambda _: False)
-            fits += candidates_of(LinearFits(again.about, model, expected), IN_PARTS, HANDICAPS[2])
-        return self.best(fits)
-
-    @cached_property
-    def short(self) -> ShortRollouts:
-        """The short pieces of the logs."""
-        return self.pieces()
 
     def is_named(self, hypothesis: Hypothesis) -> bool:
         """Whether the answer names an effect that acts at the place of a hypothesis."""
-        return any(h.name == hypothesis.name and overlap(h, hypothesis) for h in self.answer.hypotheses)
+        return any(overlap(h, hypothesis) for h in self.answer.hypotheses)
 
-    def at_all_places(self) -> Candidate:
-        """The answer's effects with its numbers, and all others at all places, nominal."""
-        others = tuple(h for h in self.hypotheses if h.location == "all" and not self.is_named(h))
-        nominal = np.concatenate([np.zeros(0), *(h.nominal for h in others)])
-        folds = [np.concatenate([own, nominal]) for own in self.answer.fold_numbers]
-        numbers = np.concatenate([self.answer.numbers, nominal])
-        return Candidate((*self.answer.hypotheses, *others), numbers, np.zeros(0), np.array(folds))
-
-    def in_parts(self, candidate: Candidate) -> Candidate:
-        """The same with effects at all places taken apart where they can differ between parts of the robot."""
-        parts = [self.parts(h) or [h] for h in candidate.hypotheses]
-
-        def apart(numbers: np.ndarray) -> np.ndarray:
-            of = zip(candidate.hypotheses, candidate.split(numbers), parts, strict=True)
-            return np.concatenate([part.clip(part.nominal + own - h.nominal) for h, own, some in of for part in some])
-
-        folds = np.array([apart(numbers) for numbers in candidate.fold_numbers])
-        found = tuple(part for some in parts for part in some)
-        return Candidate(found, apart(candidate.numbers), np.zeros(0), folds)
-
-    def parts(self, hypothesis: Hypothesis) -> list[Hypothesis]:
-        """The effect at each part of the robot; empty where it acts on the robot as one."""
-        if self.told or hypothesis.per_log is not None or hypothesis.location != "all":
-            return []
-        wanted = parts_of(hypothesis.kind, hypothesis.robot)
-        return [h for h in self.hypotheses if h.name == hypothesis.name and h.location in wanted]
-
-    def linearised(self, start: Candidate, whole: bool) -> Linearised:
-        """Errors about a candidate with their derivatives."""
-        about, likelihood = Numbers.of(start.hypotheses, self.told), JointLikelihood(self.heldout_gap, self.short)
-        (errors,) = likelihood.errors(start.hypotheses, [start.numbers], whole, likelihood.logs)
-        slopes = likelihood.slopes(about, start.numbers, errors, whole, likelihood.logs)
-        return Linearised(about, start.numbers, errors, slopes)
-
-    def linear_model(self, at: Linearised, is_free: Callable[[Hypothesis], bool]) -> LinearModel:
-        """The linear model of the errors, in which some effects may depart far."""
-        free = np.concatenate([np.full(len(h.parameters), is_free(h)) for h in at.about.hypotheses])
-        return LinearModel.of(at.about, at.numbers, at.errors, at.slopes, self.heldout_gap.folds, free)
-
-    def shape(self, at: Linearised) -> tuple[int, int]:
-        """Number of fits, of all logs and without each fold, and of the numbers that are fitted."""
-        return 2 + int(self.heldout_gap.folds.max()), int(at.about.fitted.sum())
-
-    def best(self, fits: Sequence[JointCandidate]) -> BestSimulator:
-        """The best of the answer and of some fits.
+    def best(self, made: Callable[[], Sequence[FitOfAll]]) -> BestSimulator:
+        """The best of the answer and of the fits that are ``made`` where it leaves a gap.
 
         For its closure, each fold is replayed by the candidate that is best on the other folds. The answer stays where
         that closes hardly more than it does.
         """
-        gap, candidates = self.heldout_gap, [self.answer, *(one.candidate for one in fits)]
+        gap = self.heldout_gap
+        closed = not gap.has_gap or gap.closure_value(*gap.squares([self.answer])) > 1 - LEAST_BETTER
+        fits = [] if closed else made()
+        candidates = [self.answer, *(one.candidate for one in fits)]
         squares, handicaps = np.stack(gap.squares(candidates)), np.array([1.0, *(one.handicap for one in fits)])
         heldout, before = chosen_without(squares, handicaps, gap.folds), squares[0]
         chosen = int(np.argmin(squares.sum(axis=1) * handicaps))
@@ -217,7 +188,7 @@ class BestFit:
         candidate = candidates[chosen]
         left = np.zeros(len(candidate.numbers))
         if chosen:
-            left = fits[chosen - 1].fits.spread_left(fits[chosen - 1].weighting, candidate.numbers)
+            left = candidate.spread() / fits[chosen - 1].beforehand
         numbers = self.judged(candidate, left)
         best = BestSimulator(
             candidate,
@@ -275,11 +246,6 @@ class BestFit:
         return found
 
 
-def candidates_of(fits: LinearFits, weightings: Sequence[Weighting], handicap: float) -> list[JointCandidate]:
-    """The fits by some weightings."""
-    return [JointCandidate(fits, weighting, fits.candidate(weighting), handicap) for weighting in weightings]
-
-
 def scatter(of_folds: np.ndarray) -> np.ndarray:
     """Standard deviation of numbers (folds, numbers) by how they change without each fold (jackknife), (numbers,)."""
     folds = len(of_folds)
@@ -300,7 +266,9 @@ def chosen_without(squares: np.ndarray, handicaps: np.ndarray, folds: np.ndarray
 
 
 def overlap(one: Hypothesis, other: Hypothesis) -> bool:
-    """Whether two hypotheses of one effect act at a place in common."""
+    """Whether two hypotheses are of one effect and act at a place in common."""
+    if one.name != other.name:
+        return False
     of = places(one.kind, one.robot)
     return bool({*of.get(one.location, ())} & {*of.get(other.location, ())}) or one.location == other.location
 

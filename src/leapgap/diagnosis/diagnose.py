@@ -2,13 +2,12 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from types import MappingProxyType
 
 import numpy as np
 
 from leapgap import effects
-from leapgap.diagnosis.best_simulator import BestFit, BestSimulator
+from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, FitOfAll, by_columns
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.checks import CheckResult, as_read, clock_of, run_checks
 from leapgap.diagnosis.descriptions import judge_descriptions
@@ -87,8 +86,8 @@ def diagnose(
             ready = ready_logs(ready.given, ready.replayer, ready.checks, outside, settings, rng)
             answer = find_answer(ready, kinds, settings, progress)
         ready = replace(ready, outside=outside)
-        progress("step 3 of 4, fit of all effects and map of the error")
-        answer = with_best_simulator(answer, ready, kinds, settings, progress)
+    progress("step 3 of 4, fit of all effects and map of the error")
+    best = best_simulator(answer, settings, progress) if settings.best else None
     heldout_gap, judgement, clock = answer.heldout_gap, answer.judgement, ready.clock
     conclusion, selected, names = judgement.conclusion, judgement.selected, heldout_gap.names
     forces = unexplained(ready.outside.forces, ready.given, ready.replayer, selected.typical_effects(names))
@@ -132,7 +131,7 @@ def diagnose(
         provenance=provenance or Provenance.of(logs, robot, asdict(settings)),
         set_aside=dict(set_aside),
         notes=judgement.notes,
-        best_simulator=answer.best,
+        best_simulator=best,
     )
     return Diagnosis(
         with_outside_forces(report, outside, ready.given, heldout_gap, corrected),
@@ -233,8 +232,8 @@ class FoundAnswer:
     judgement: Judgement
     heldout_gap: HeldOutGap  # At the horizon at which the answer is judged
     evidence: Sequence[Evidence]  # What the logs say without a simulation
+    of_all: Callable[[], Sequence[FitOfAll]]  # Makes fits of all effects beside the answer
     by_source: Mapping[str, Interval] = field(default_factory=dict)  # As in ``ReportContent``
-    best: BestSimulator | None = None  # None where the settings ask for none
 
 
 def find_answer(
@@ -269,21 +268,8 @@ def answer_by_own_clock(
         steps, sure = joint.search(near)
     by_source = closures_by_source(joint, steps[-1]) if steps else {}
     judgement = clock.conclude(joint, steps, sure)
-    found = FoundAnswer(judgement, joint.heldout_gap, evidence, by_source)
-    if not settings.best:
-        return found
-    progress("step 3 of 4, fit of all effects and map of the error")
-    best = BestFit(
-        joint.heldout_gap,
-        lambda: joint.short,
-        judgement.selected,
-        hypotheses,
-        settings.model_error,
-        told=joint.told,
-        joint=joint.ends[0] if joint.ends else None,
-        progress=progress,
-    )
-    return replace(found, best=best.search())
+    of_all = [FitOfAll(end, joint.numbers(end.hypotheses).spread) for end in joint.ends[:1]]
+    return FoundAnswer(judgement, joint.heldout_gap, evidence, lambda: of_all, by_source)
 
 
 def answer_by_evidence(
@@ -304,7 +290,11 @@ def answer_by_evidence(
         for one in found.simulation
     ]
     judgement = replace(judgement, notes=(*judgement.notes, *contacts))
-    return FoundAnswer(judgement, gap, gather([states.log for states in judged.whole], judged.robot))
+    evidence, usual = (
+        gather([states.log for states in judged.whole], judged.robot),
+        {kind.called(judged.robot) for kind in kinds},
+    )
+    return FoundAnswer(judgement, gap, evidence, lambda: by_columns(search, found, usual))
 
 
 def at_stable_horizon(ready: ReadyLogs, found: Candidate, settings: Settings) -> HeldOutGap:
@@ -320,23 +310,11 @@ def pieces_of(ready: ReadyLogs, settings: Settings) -> ShortRollouts:
     return pieces.whiten_for(pieces.on_every_log(()))
 
 
-def with_best_simulator(
-    answer: FoundAnswer,
-    ready: ReadyLogs,
-    kinds: Sequence[type[Effect]],
-    settings: Settings,
-    progress: Callable[[str], None],
-) -> FoundAnswer:
-    """An answer by evidence with a fit of all usual effects about it, where the settings ask for one.
-
-    None is made about a simulation that agrees with the logs as it is.
-    """
-    if not settings.best:
-        return answer
-    usual = list_hypotheses(kinds, ready.judged.robot, clock_of(ready.checks))
-    judgement, pieces = answer.judgement, partial(pieces_of, ready, settings)
-    fit = BestFit(answer.heldout_gap, pieces, judgement.selected, usual, settings.model_error, progress=progress)
-    return replace(answer, best=fit.best([]) if judgement.conclusion.verdict == "none" else fit.search())
+def best_simulator(answer: FoundAnswer, settings: Settings, progress: Callable[[str], None]) -> BestSimulator:
+    """The best of an answer and of fits of all effects; none is made of a simulation that agrees with the logs."""
+    judgement = answer.judgement
+    fit = BestFit(answer.heldout_gap, judgement.selected, settings.model_error, progress)
+    return fit.best(answer.of_all if judgement.conclusion.verdict != "none" else list)
 
 
 def kinds_by_evidence(kinds: Sequence[type[Effect]], settings: Settings) -> list[type[Effect]]:

@@ -17,7 +17,7 @@ from leapgap.diagnosis.evidence.base import Evidence, sure
 from leapgap.diagnosis.full_rollouts import FullRolloutFit
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis, parts_of
-from leapgap.diagnosis.joint_likelihood import JointLikelihood, Linearised, LogErrors, Numbers, bounded_step
+from leapgap.diagnosis.joint_likelihood import JointLikelihood, LogErrors, Numbers, bounded_step
 from leapgap.diagnosis.short_rollouts import ShortRollouts
 from leapgap.errors import InputError
 
@@ -87,8 +87,8 @@ class JointFit:
     progress: Callable[[str], None] = lambda _: None
     losses: dict[tuple[tuple[str, ...], bytes], float] = field(default_factory=dict)
     """Minus the logarithm of the likelihood by effects, places and numbers, of sets that were replayed."""
-    ends: list[Linearised] = field(default_factory=list)
-    """Where fits to whole logs have ended, in turn; the first is that of all effects that short pieces leave."""
+    ends: list[FullRolloutFit] = field(default_factory=list)
+    """Fits to whole logs, in turn; the first is that of all effects that short pieces leave."""
 
     def closes(self, fit: FullRolloutFit) -> float:
         """Share of the headline gap that a fit closes on held-out logs."""
@@ -144,9 +144,9 @@ class JointFit:
                 stale = [log for log in every if log not in current]
             else:
                 break
-        if whole:
-            self.ends.append(Linearised(about, at.numbers, at.errors, slopes))
-        return self.judged_fit(about, at.numbers, at.errors, slopes, whole)
+        end = self.judged_fit(about, at.numbers, at.errors, slopes, whole)
+        self.ends.extend([end] * whole)
+        return end
 
     def tried(self, about: Numbers, several: Sequence[np.ndarray], whole: bool) -> list[Trial]:
         """Replays of several vectors of numbers."""

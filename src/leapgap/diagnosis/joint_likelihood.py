@@ -99,16 +99,6 @@ class Numbers:
 
 
 @dataclass(frozen=True)
-class Linearised:
-    """Errors of all logs at some numbers of a set of effects, with their derivatives."""
-
-    about: Numbers
-    numbers: np.ndarray
-    errors: Sequence[LogErrors]
-    slopes: Sequence[LogErrors]  # Derivatives by the scaled numbers that are fitted
-
-
-@dataclass(frozen=True)
 class JointLikelihood:
     """The likelihood, by replays of whole logs and of short pieces."""
 

@@ -149,14 +149,16 @@ class Point:
         """Number of nuisances, whose columns stand before those of effects."""
         return len(self.basis.deviation)
 
-    def priors(self, further: Sequence[Hypothesis] = (), without: Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
+    def priors(
+        self, further: Sequence[Hypothesis] = (), without: Sequence[int] = (), drawn: Sequence[float] = ()
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Prior deviations and means of nuisances, of departures of the acting numbers from here, of further numbers.
 
-        Members ``without`` are taken back to nominal.
+        Members ``without`` are taken back to nominal; deviations of members are times ``drawn``, if that is given.
         """
         deviation, centre = [*self.basis.deviation], [0.0] * self.nuisances
         for m, (h, numbers) in enumerate(self.acting):
-            deviation += [ABSENT] * len(numbers) if m in without else [*prior_of(h)]
+            deviation += [ABSENT] * len(numbers) if m in without else [*(prior_of(h) * (drawn[m] if drawn else 1.0))]
             centre += [*(h.nominal - numbers)]
         for h in further:
             deviation += [*prior_of(h)]

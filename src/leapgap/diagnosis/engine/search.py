@@ -423,9 +423,13 @@ class Search:
         further: Sequence[Hypothesis] = (),
         without: Sequence[int] = (),
         whitened: Whitened | None = None,
+        drawn: Sequence[float] = (),
     ) -> Found:
-        """What the logs say of a point's set, and further effects, with the levels that suit it."""
-        priors, first = point.priors(further, without), point.nuisances
+        """What the logs say of a point's set, and further effects, with the levels that suit it.
+
+        Its members are ``drawn`` to nominal by shares of their prior deviations; none: by all of them.
+        """
+        priors, first = point.priors(further, without, drawn), point.nuisances
         evidence = point.evidence_with(further, whitened).at_best_levels(*priors)
         whole = evidence.posterior(*priors)
         at = np.concatenate([np.zeros(0), *(n for _, n in point.acting), *(h.nominal for h in further)])
