@@ -360,17 +360,14 @@ class Bench:
             stacked = chunks.stack([np.stack([own[log] for own in columns], axis=2) for log in range(len(logs))])
             yield found, [-own.whiten(stacked) for own in near.basis.filters]
 
-    def glances(
-        self, near: Point, sets: Sequence[Acting], levels: np.ndarray | None = None, exactly: bool = False
-    ) -> list[float]:
+    def glances(self, near: Point, sets: Sequence[Acting], levels: np.ndarray | None = None) -> list[float]:
         """Evidence of robots with some effects at just these numbers, nats, without columns of their effects.
 
-        They are followed side by side, ``exactly`` or by long steps, whose error cancels where sets are compared; each
-        block at its best level, or at ``levels`` if these are given.
+        They are followed side by side; each block at its best level, or, exactly, at ``levels`` if these are given.
         """
         if not sets:
             return []
-        errors, basis = self.errors_of(near.intervals, near.basis, sets, exactly), near.basis
+        errors, basis = self.errors_of(near.intervals, near.basis, sets, levels is not None), near.basis
         cross = basis.blocks.products(errors, basis.of_nuisances)
         priors = basis.deviation, np.zeros(len(basis.deviation))
 
@@ -447,7 +444,6 @@ class Bench:
         ``exactly``: by replays without the force, beside those that follow the logs; else by these alone, less what the
         force does by its linearisation, which is enough to compare sets at a glance.
         """
-        near = near if exactly else rough_steps(near)
         of, count = basis.linearisation, len(sets)
         acting = tuple(effects for own in sets for effects in on_logs(near, own))
         many = replace(near, courses=near.courses * count, acting=acting, residual=None)

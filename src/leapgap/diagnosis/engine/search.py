@@ -487,9 +487,9 @@ class Search:
             gains += self.evidence_at(found, sets[2:])
         return others[int(np.argmax(gains))]
 
-    def evidence_at(self, found: Found, sets: Sequence[Acting], exactly: bool = False) -> list[float]:
-        """Evidence of a set at other numbers, each block at its level, nats; ``exactly`` as in ``Bench.glances``."""
-        return self.bench.glances(found.point, sets, found.point.evidence.levels, exactly)
+    def evidence_at(self, found: Found, sets: Sequence[Acting]) -> list[float]:
+        """Evidence of a set at other numbers, exactly, each block at its level, nats."""
+        return self.bench.glances(found.point, sets, found.point.evidence.levels)
 
     def planted(self, now: Found) -> list[Found]:
         """The set with one effect more by which feet that stand are on the ground, which columns tell little of.

@@ -323,7 +323,7 @@ def by_parabolas(candidate: Candidate, search: Search, found: Found, gap: HeldOu
     departs = np.diag(candidate.numbers - np.concatenate([h.nominal for h in members]))[own]
     tried = [moved_by(candidate, by * one) for one in departs for by in AROUND]
     acting = [tuple(zip(one.hypotheses, one.split(), strict=True)) for one in tried]
-    evidence = search.evidence_at(found, acting, exactly=True)
+    evidence = search.evidence_at(found, acting)
     left = [float(squares.sum()) for squares in gap.squares(tried)]
     both = np.array([evidence, np.negative(left)]).reshape(2, len(departs), len(AROUND))
     for k, one in enumerate(departs):
