@@ -18,7 +18,7 @@ import mujoco.rollout
 import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
-from leapgap.diagnosis.short_rollouts import StateChannels, smooth_starts
+from leapgap.diagnosis.short_rollouts import FINE, StateChannels, smooth_starts
 from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import ACTING, Effect, overrides, overriding
 from leapgap.logs.log import Log
@@ -40,7 +40,6 @@ SEGMENT, LEAST_SEGMENT = 64, 16  # Largest number of intervals of a segment, and
 MOST_S, MOST_WITH_FEET_S = 12.0, 6.0
 """About how much is kept of all logs together, s; replays of a robot with feet take longer."""
 ENDS = 0.05  # Share of a log's motion at its ends within which the first and the last of its segments lie
-SHORT = 0.505  # Largest step where a foot meets the ground or leaves it, as a share of the usual one
 LONG = 1.25  # Intervals of more steps than this many times those of the shortest are replayed apart
 MEMORY = 4
 """Number of intervals that a replay with states of its own (a lag, an elastic gear) lasts after its first one."""
@@ -218,9 +217,10 @@ class Intervals:
         courses = tuple(replace(own, close=new) for own, new in zip(self.courses, close, strict=True))
         return replace(self, courses=courses)
 
-    def by_steps(self, share: float) -> "Intervals":
-        """The intervals by other steps of the simulation, as a share of the largest."""
-        return replace(self, replayer=self.replayer.with_steps(share * self.replayer.largest_step_s))
+    @property
+    def by_short_steps(self) -> "Intervals":
+        """The intervals by short steps of the simulation."""
+        return replace(self, replayer=self.replayer.with_steps(FINE * self.replayer.largest_step_s))
 
     @cached_property
     def predicted(self) -> list[Motion]:
@@ -318,7 +318,7 @@ class Intervals:
     def _by_own_steps(self, log: int, effects: Effects, starts: np.ndarray) -> Motion:
         """True states at the end of every interval, from true states at its beginning, by the steps of each."""
         close = self.courses[log].close
-        parts = [(self, np.flatnonzero(~close)), (self.by_steps(SHORT), np.flatnonzero(close))]
+        parts = [(self, np.flatnonzero(~close)), (self.by_short_steps, np.flatnonzero(close))]
         with ExitStack() as stack:
             prepared = [
                 (own.prepare(log, effects, stack.enter_context(Models(own.replayer))), which)

@@ -14,7 +14,6 @@ from leapgap.diagnosis.engine.intervals import Effects, Intervals
 from leapgap.diagnosis.engine.responses import Columns, Linearisation, late_feedback, rough_steps, shared
 from leapgap.diagnosis.engine.whitening import Chunks, Filter, filters_of, follow, linearise
 from leapgap.diagnosis.hypotheses import Hypothesis, places, tolerance, usable
-from leapgap.diagnosis.short_rollouts import FINE
 from leapgap.diagnosis.simulation_settings import SimulationSettings
 from leapgap.effects.base import Effect, overrides
 from leapgap.logs.state import States
@@ -298,7 +297,7 @@ class Bench:
         late: damping of kp times half a step that no robot has.
         """
         none = [np.zeros_like(own.close) for own in intervals.courses]
-        pairs = zip(intervals.by_steps(FINE).with_close(none).predicted, intervals.predicted, strict=True)
+        pairs = zip(intervals.by_short_steps.with_close(none).predicted, intervals.predicted, strict=True)
         found = [[tangent_difference(a, b, self.robot)] for a, b in pairs]
         if self.robot.stands:
             sets = [[(*own, other) for own in intervals.acting] for other in self.otherwise]

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from leapgap.diagnosis.channels import displaced, tangent_difference
-from leapgap.diagnosis.engine.intervals import SHORT, Intervals, Models, Pool, PreparedIntervals, roll
+from leapgap.diagnosis.engine.intervals import Intervals, Models, Pool, PreparedIntervals, roll
 from leapgap.diagnosis.engine.responses import Displacements, Linearisation, force_units, joined, rough_steps
 from leapgap.robot.motion import Motion
 
@@ -354,7 +354,7 @@ def linearise(intervals: Intervals, chunks: Chunks, offsets: Sequence[np.ndarray
     or leaves it, short ones take their place; elsewhere every second of short intervals has those of the one before, if
     the robot stands on feet: for that of a held one, whose joints turn round under dry friction, they change too much.
     """
-    short = intervals.by_steps(SHORT)
+    short = intervals.by_short_steps
     with ExitStack() as stack:
         usual, close, rough, rough_close = (
             Reaching(own, chunks, offsets, stack.enter_context(Models(own.replayer)))
@@ -427,7 +427,7 @@ def follow(
 ) -> Following:
     """References that follow the logs with the gains of a linearisation."""
     with ExitStack() as stack:
-        by = (intervals, intervals.by_steps(SHORT))
+        by = (intervals, intervals.by_short_steps)
         reaching = [Reaching(own, chunks, offsets, stack.enter_context(Models(own.replayer))) for own in by]
         following = Following(*reaching)
         for k in range(chunks.longest):
