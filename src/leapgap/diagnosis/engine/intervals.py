@@ -5,7 +5,6 @@ interval is what the model lacks there. Effects change that by amounts that are 
 All states are as the log reports them: what acts in the sensors alone is a change of the reported state.
 """
 
-import math
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -83,7 +82,6 @@ class Course:
     rows: np.ndarray  # Rows of the instants, (instants,)
     reference: Motion  # States at the instants, as reported
     noise: np.ndarray  # Standard deviation of the sensor noise of each channel at the instants, (instants, channels)
-    lengths_s: np.ndarray  # Length of each interval, to 1 ns as in time stamps, s, (intervals,)
     close: np.ndarray
     """Intervals that are replayed by short steps: a foot meets the ground or leaves it, bool (intervals,)."""
 
@@ -95,25 +93,15 @@ class Course:
         reference = Motion.of_states(starts.states, channels.robot.model.nq)
         noise = channels.noise_in_rows(states.motion, states.log)[rows]
         lengths = tuple(len(own) - 1 for own in segments)
-        lasting = np.concatenate([np.round(np.diff(states.log.time[own]), 9) for own in segments])
-        return Course(states, lengths, rows, reference, noise, lasting, np.zeros(sum(lengths), bool))
+        return Course(states, lengths, rows, reference, noise, np.zeros(sum(lengths), bool))
 
     def part(self, chosen: np.ndarray) -> "Course":
         """Some of the segments, bool (segments,)."""
         lengths = np.array(self.segments)
         instants = np.repeat(chosen, lengths + 1)
         segments, reference = tuple(lengths[chosen].tolist()), self.reference[np.flatnonzero(instants)]
-        rows, noise, within = self.rows[instants], self.noise[instants], np.repeat(chosen, lengths)
-        return Course(self.states, segments, rows, reference, noise, self.lengths_s[within], self.close[within])
-
-    def for_steps(self, largest_step_s: float) -> "Course":
-        """The same intervals with rows as far apart as a step of the simulation, of an even log."""
-        log = self.states.log
-        step = round(largest_step_s / log.info.sample_period_s) if log.is_even else 1
-        rows = math.gcd(*self.rows.tolist(), max(1, step))
-        motion, deviation = self.states.motion[::rows], self.states.deviation[::rows]
-        states = replace(self.states, log=log.downsample(rows), motion=motion, deviation=deviation)
-        return replace(self, states=states, rows=self.rows // rows)
+        rows, noise, close = self.rows[instants], self.noise[instants], self.close[np.repeat(chosen, lengths)]
+        return replace(self, segments=segments, rows=rows, reference=reference, noise=noise, close=close)
 
     @property
     def intervals(self) -> int:
@@ -125,6 +113,12 @@ class Course:
         """Instant at which each interval begins; it ends at the next one, (intervals,)."""
         lengths = np.array(self.segments)
         return np.arange(self.intervals) + np.repeat(np.arange(len(lengths)), lengths)
+
+    @cached_property
+    def lengths_s(self) -> np.ndarray:
+        """Length of each interval, to 1 ns as in time stamps, s, (intervals,)."""
+        instants = self.states.log.time[self.rows]
+        return np.round(instants[self.begins + 1] - instants[self.begins], 9)
 
     def rows_within(self, which: np.ndarray) -> tuple[np.ndarray, "Shares"]:
         """The rows of some intervals, one after the other, and their shares in these."""

@@ -30,9 +30,7 @@ def rough_steps(intervals: Intervals) -> Intervals:
     replayer = intervals.replayer
     if not intervals.robot.has_free_base and intervals.interval_s < MANY_STEPS * replayer.largest_step_s:
         return intervals
-    step_s = ROUGH * replayer.largest_step_s
-    courses = tuple(own.for_steps(step_s) for own in intervals.courses)
-    return replace(intervals, replayer=replayer.with_steps(step_s), courses=courses)
+    return replace(intervals, replayer=replayer.with_steps(ROUGH * replayer.largest_step_s))
 
 
 @dataclass(frozen=True)
