@@ -7,13 +7,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from leapgap.diagnosis.best_simulator import DRAWN, BestFit, BestSimulator, by_columns, chosen_without
+from leapgap.diagnosis.best_simulator import DRAWN, BestFit, BestSimulator, by_columns, by_joint_fit, chosen_without
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.diagnose import Diagnosis, diagnose
 from leapgap.diagnosis.engine.points import Bench
 from leapgap.diagnosis.engine.search import Found, Search
+from leapgap.diagnosis.evidence.base import Evidence
 from leapgap.diagnosis.gap import HeldOutGap
 from leapgap.diagnosis.hypotheses import Hypothesis, list_hypotheses
+from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.joint_likelihood import bounded_minimum
 from leapgap.diagnosis.settings import Settings
 from leapgap.logs.log import Log
@@ -21,7 +23,7 @@ from leapgap.reports.diagnosis import Report, diagnose_logs
 from leapgap.robot.model import Robot
 from leapgap.runtime.atomic_io import read_json
 from leapgap.simulation.corrected import read_corrected, write_corrected
-from tests.diagnosis.joint_fits import NOMINAL, heldout_gap, noisy_logs
+from tests.diagnosis.joint_fits import NOMINAL, heldout_gap, noisy_logs, short_rollouts
 from tests.diagnosis.two_link_arm import torque_driven_arm
 from tests.plain_simulation import Pd, by_motors, simulate
 
@@ -163,6 +165,22 @@ def test_a_fit_of_all_effects_to_a_robot_with_nothing_wrong_has_nominal_in_its_i
     assert len(numbers) == len(KINDS)
     assert all(one.ci95[0] <= one.nominal <= one.ci95[1] for one in numbers)
     assert not any(one.believed for one in numbers)
+
+
+def test_where_a_joint_fit_has_ended_no_other_is_made(robot: Robot) -> None:
+    """A number that evidence tells is held, in every fold, and is not said to be left open by the logs."""
+    gap = heldout_gap(noisy_logs(robot.path, worn), robot)
+    told = Evidence("a test", "joint_damping.damping", 0.2, 0.01, "N·m·s/rad", {}, "said here")
+    joint = JointFit(gap, short_rollouts(gap, robot), (told,))
+    every = tuple(h for h in list_hypotheses(KINDS, robot, None) if h.location == "all")
+    joint.fit(every, joint.numbers(every).centre, 3)
+    assert [end.hypotheses for end in joint.ends] == [every]
+    best = BestFit(gap, NOMINAL, 0.03).best(lambda: by_joint_fit(joint))
+    assert best.source == "joint fit" and best.closure_of_answer == pytest.approx(0.0)
+    assert best.closure.value > 0.5
+    at = best.candidate.names.index("joint_damping")
+    assert best.candidate.numbers[at] == 0.2 and (best.candidate.fold_numbers[:, at] == 0.2).all()
+    assert not any("do not determine" in why for why in best.numbers[at].why)
 
 
 def nominal(logs: list[Log], robot: Robot) -> tuple[HeldOutGap, Search, Found]:

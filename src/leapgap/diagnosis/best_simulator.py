@@ -17,6 +17,7 @@ from leapgap.diagnosis.engine.points import Acting, prior_of
 from leapgap.diagnosis.engine.search import Found, Search, candidate_of
 from leapgap.diagnosis.gap import SIGMAS, HeldOutGap, Interval
 from leapgap.diagnosis.hypotheses import Hypothesis, parts_of, places
+from leapgap.diagnosis.joint_fit import JointFit
 from leapgap.diagnosis.joint_likelihood import bounded_minimum
 from leapgap.effects.base import Effect
 
@@ -103,7 +104,7 @@ class FitOfAll:
     """A fit of all effects."""
 
     candidate: Candidate
-    beforehand: np.ndarray  # Standard deviation of each number before any log, (numbers,)
+    beforehand: np.ndarray  # Standard deviation of each number before any log, (numbers,); infinite where it is held
     handicap: float = HANDICAPS[1]  # Factor on its squares where candidates are compared
 
 
@@ -134,6 +135,12 @@ def by_columns(search: Search, found: Found, names: Collection[str]) -> list[Fit
             fits.append(FitOfAll(own, beforehand, handicap))
         members, further = in_parts(search, acting[: len(members)]), in_parts(search, acting[len(members) :])
     return fits
+
+
+def by_joint_fit(joint: JointFit) -> list[FitOfAll]:
+    """The fit of all effects with which a joint fit to whole logs began; none where there was nothing to fit."""
+    about = [(end, joint.numbers(end.hypotheses)) for end in joint.ends[:1]]
+    return [FitOfAll(end, np.where(own.fitted, own.spread, np.inf)) for end, own in about]
 
 
 def in_range(found: Found) -> Found:

@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from leapgap import effects
-from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, FitOfAll, by_columns
+from leapgap.diagnosis.best_simulator import BestFit, BestSimulator, FitOfAll, by_columns, by_joint_fit
 from leapgap.diagnosis.candidates import Candidate
 from leapgap.diagnosis.checks import CheckResult, as_read, clock_of, run_checks
 from leapgap.diagnosis.descriptions import judge_descriptions
@@ -268,8 +268,7 @@ def answer_by_own_clock(
         steps, sure = joint.search(near)
     by_source = closures_by_source(joint, steps[-1]) if steps else {}
     judgement = clock.conclude(joint, steps, sure)
-    of_all = [FitOfAll(end, joint.numbers(end.hypotheses).spread) for end in joint.ends[:1]]
-    return FoundAnswer(judgement, joint.heldout_gap, evidence, lambda: of_all, by_source)
+    return FoundAnswer(judgement, joint.heldout_gap, evidence, lambda: by_joint_fit(joint), by_source)
 
 
 def answer_by_evidence(
@@ -290,10 +289,8 @@ def answer_by_evidence(
         for one in found.simulation
     ]
     judgement = replace(judgement, notes=(*judgement.notes, *contacts))
-    evidence, usual = (
-        gather([states.log for states in judged.whole], judged.robot),
-        {kind.called(judged.robot) for kind in kinds},
-    )
+    evidence = gather([states.log for states in judged.whole], judged.robot)
+    usual = {kind.called(judged.robot) for kind in kinds}
     return FoundAnswer(judgement, gap, evidence, lambda: by_columns(search, found, usual))
 
 

@@ -145,7 +145,8 @@ class JointFit:
             else:
                 break
         end = self.judged_fit(about, at.numbers, at.errors, slopes, whole)
-        self.ends.extend([end] * whole)
+        if whole:
+            self.ends.append(end)
         return end
 
     def tried(self, about: Numbers, several: Sequence[np.ndarray], whole: bool) -> list[Trial]:
